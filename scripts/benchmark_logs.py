@@ -1,10 +1,14 @@
 """How often the diagnosis of axis logs is right, on logs of an independent generator.
 
-python scripts/benchmark_logs.py [--count 100] [--seed 1] [--drives]
+python scripts/benchmark_logs.py [--count 100] [--seed 1] [--drives | --torque]
 
 Half of the machines are sound, half have one cause. With --drives, every machine has one cause of real drives: play
 outside or inside the position loop, dead time, a filter of the command, a torque limit, a loss by the torque, a wrong
-position gain. The torque, a current of unknown constant, or neither is recorded.
+position gain, a limit of speed or voltage. The torque, a current of unknown constant, or neither is recorded.
+
+With --torque, sound machines are fitted whose data sheet is believed within a factor of five, and nothing is searched
+for: how much narrower does a recorded torque make the 95 % intervals of their numbers? The control is four times as
+fast as the recorder.
 """
 
 from __future__ import annotations
@@ -20,6 +24,10 @@ import numpy as np
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.estimation.axis_logs.data import axis_data
+from mjsim.estimation.axis_logs.fit import LogFitter
+from mjsim.estimation.axis_logs.separability import intervals
+from mjsim.estimation.axis_logs.start import start_model
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 from tests.independent.logs import (
@@ -31,6 +39,7 @@ from tests.independent.logs import (
     machine_toml,
     record,
     record_both,
+    short_strokes,
     to_and_fro,
     write_campaign,
 )
@@ -145,6 +154,7 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
     """Random machines, the causes in turn."""
     random = np.random.default_rng([seed, 7])
     kinds = ("backlash", "servo_delay", "command_filter", "current_clip", "torque_loss", "servo_gain")
+    kinds = (*kinds, "speed_limit", "voltage_limit")
     out = []
     for i in range(count):
         kind = kinds[i % len(kinds)]
@@ -170,6 +180,12 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
         elif kind == "current_clip":
             planted = (kind, "torque_Nm", (0.5 + 0.35 * size) * _largest(axis, control))
             control = replace(control, clip=planted[2])
+        elif kind == "speed_limit":
+            planted = (kind, "speed_rad_per_s", (0.5 + 0.35 * size) * _fastest(axis))
+            control = replace(control, fastest=planted[2])
+        elif kind == "voltage_limit":
+            planted = (kind, "no_load_rad_per_s", (0.7 + 0.4 * size) * _fastest(axis))
+            control = replace(control, no_load=planted[2], stall=1.5 * _largest(axis, control))
         elif kind == "torque_loss":
             planted = (kind, "share_ratio", 0.15 + 0.35 * size)
             axis = replace(axis, loss=planted[2])
@@ -185,6 +201,11 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
 def _largest(axis: Axis, control: Control) -> float:
     """Largest torque of a drive without a limit, N·m, but for single peaks."""
     return float(np.quantile(np.abs(record(axis, control, to_and_fro(), 0.0)[1]), 0.99))
+
+
+def _fastest(axis: Axis) -> float:
+    """Largest commanded speed of a motor, rad/s."""
+    return float(np.abs(np.diff(to_and_fro())).max()) / Control.sample * 2.0 * np.pi / axis.lead
 
 
 def drive_diagnosed(case: DriveCase, folder: Path, seed: int) -> LogDiagnosis:
@@ -238,13 +259,55 @@ def run_drives(count: int, seed: int) -> None:
     print(f"{(time.process_time() - begun) / count:.2f} s of processor time for one log")
 
 
+def run_torque(count: int, seed: int) -> None:
+    """Fit machines with and without a recorded torque and print how much narrower their intervals are."""
+    narrower: dict[str, list[float]] = {}
+    held: Counter[str] = Counter()
+    for i, case in enumerate(cases(2 * count, seed)[::2]):
+        control = replace(case.control, sample=2.5e-4)
+        command, every = short_strokes(control.sample), 4
+        position, torque = record(case.axis, control, command, 0.05e-6, i)
+        stated = machine_toml(case.axis, control, True, case.axis.coulomb, velocity_gain=0.05, inertia=4e-4)
+        true = {
+            "drive.inertia": case.axis.inertia,
+            "drive.viscous": case.axis.viscous,
+            "controller.c.velocity_gain": control.velocity_gain,
+            "friction.X.coulomb_Nm": case.axis.coulomb,
+        }
+        widths: dict[str, list[float]] = {}
+        for recorded in (None, torque[::every]):
+            with tempfile.TemporaryDirectory() as folder:
+                text = csv(command[::every], position[::every], recorded, every * control.sample)
+                write_campaign(Path(folder), text, stated, every * control.sample)
+                campaign, machine = read_campaign(Path(folder)), read_machine(Path(folder) / "machine.toml")
+                data = axis_data(campaign, "X", machine)
+                fitter = LogFitter(machine, data)
+                ranges = intervals(fitter.polished(fitter.fit(start_model(machine, data))))
+            for label, value in true.items():
+                _, low, high = ranges[label]
+                widths.setdefault(label, []).append(float(np.log(high / low)))
+                held[label] += recorded is not None and low <= value <= high
+        for label, (alone, both) in widths.items():
+            narrower.setdefault(label, []).append(alone / both)
+        print(f"{i}: " + ", ".join(f"{k} {a:.3f} -> {b:.3f}" for k, (a, b) in widths.items()), flush=True)
+    for label, ratios in narrower.items():
+        print(
+            f"{label}: {min(ratios):.1f} to {max(ratios):.1f} times narrower with the torque, median "
+            f"{np.median(ratios):.1f}; {held[label]} of {count} intervals hold"
+        )
+
+
 def main() -> None:
     """Run the bank and print how often it was right."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--drives", action="store_true")
+    parser.add_argument("--torque", action="store_true")
     given = parser.parse_args()
+    if given.torque:
+        run_torque(given.count, given.seed)
+        return
     if given.drives:
         run_drives(given.count, given.seed)
         return

@@ -50,10 +50,11 @@ def ladders(result: LogDiagnosis) -> None:
     for axis, s in result.selections.items():
         names = [t.test.name for t in result.before.tests if axis in t.axes]
         print(f"\n| {axis} | " + " | ".join(names) + " |\n|---|" + "---|" * len(names))
-        rows = [("data sheet", s.given), ("data sheet fitted", s.ladder[0])]
-        rows += [*list(zip((f"+ {key}" for key in s.order), s.ladder[1:], strict=False)), ("final", s.fit)]
+        rows = [("data sheet", s.given), ("data sheet fitted", s.sheet), *s.rungs, ("final", s.fit)]
         for name, fit in rows:
-            print(f"| {name} | " + " | ".join(f"{np.sqrt(m) / UM:.2f}" for m in fit.mean_squares) + " |")
+            print(
+                f"| {name} | " + " | ".join(f"{np.sqrt(m) / UM:.2f}" for m in fit.mean_squares[: fit.positions]) + " |"
+            )
 
 
 def causes(result: LogDiagnosis) -> None:

@@ -12,7 +12,7 @@ from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.axes import motor_of
 from mjsim.simulation.servo import ServoStart, follow
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from tests.independent.logs import Axis, csv, machine_toml, record_both, to_and_fro, write_campaign
+from tests.independent.logs import Axis, csv, machine_toml, record_both, short_strokes, write_campaign
 from tests.independent.logs import Control as Digital
 
 GEAR, PLAY, SPEED, KPP = 2.0 * np.pi / 0.010, 20e-6, 2e-3, 40.0
@@ -77,23 +77,26 @@ def test_a_spring_inside_the_loop_is_taken_out():
     assert abs(load[-1] - there_and_back()[-1]) < 1e-9
 
 
-def diagnosed(folder, encoder, width, seed=1):
+def diagnosed(folder, encoder, width, letter="X", sample=1e-3):
     """A log of an axis with play inside its loop: of the load alone, or of motor and load."""
-    axis, control = Axis(coulomb=0.12, play=width), Digital(feedforward=1.0, on_load=True)
-    command = to_and_fro()
-    motor, load, _ = record_both(axis, control, command, 0.02e-6, seed)
-    rows = csv(command, load if encoder == "load" else motor).splitlines()
+    axis, control = Axis(coulomb=0.12, play=width), Digital(feedforward=1.0, on_load=True, sample=sample)
+    command = short_strokes(sample)
+    motor, load, _ = record_both(axis, control, command, 0.02e-6)
+    rows = csv(command, load if encoder == "load" else motor, None, sample).splitlines()
     if encoder == "both":
         rows = [rows[0] + ",X_load_mm", *(f"{row},{1e3 * y:.7f}" for row, y in zip(rows[1:], load, strict=True))]
     machine = machine_toml(axis, control, False, 0.12).replace("[drive.X]", f'[drive.X]\nencoder = "{encoder}"')
-    place = write_campaign(folder, "\n".join(rows) + "\n", machine)
+    place = write_campaign(folder, "\n".join(rows) + "\n", machine, sample, letter)
     return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
 
 
-@pytest.mark.parametrize(("encoder", "width"), [("load", 8e-6), ("both", 10e-6)])
-def test_play_inside_the_loop_is_found(tmp_path, encoder, width):
-    result = diagnosed(tmp_path, encoder, width)
-    assert [e.effect.id for e in result.effects] == ["backlash.X"]
+@pytest.mark.parametrize(
+    ("encoder", "width", "letter", "sample"),
+    [("load", 8e-6, "X", 1e-3), ("load", 20e-6, "Z", 5e-4), ("both", 10e-6, "Y", 1e-3)],
+)
+def test_play_inside_the_loop_is_found(tmp_path, encoder, width, letter, sample):
+    result = diagnosed(tmp_path, encoder, width, letter, sample)
+    assert [e.effect.id for e in result.effects] == [f"backlash.{letter}"]
     low, high = result.effects[0].ci95["width_um"]
     assert low < 1e6 * width < high and high - low < 0.1e6 * width
     assert result.after.rms < 0.3e-6

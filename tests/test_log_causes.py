@@ -8,23 +8,24 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.gains import read_gains
+from mjsim.estimation.axis_logs.gains import read_gains, speed_limit
 from mjsim.simulation.servo import smoothed
 from mjsim.workflow.axis_log.compare import checked_logs
 from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import (
-    CAMPAIGN,
     Axis,
     Control,
     csv,
     filtered,
     machine_toml,
     record,
+    short_strokes,
     to_and_fro,
     write_campaign,
 )
 
 FRICTION = Axis(coulomb=0.12)
+LOOSE = Control(integral_time=0.04, feedforward=1.0)
 
 
 @pytest.fixture
@@ -97,17 +98,19 @@ def test_a_channel_that_says_nothing_is_named_with_the_reason(diagnosed):
     assert "following error" in said[0]
 
 
-@pytest.mark.parametrize(("share", "gain"), [(0.3, 0.06), (0.5, 0.1)])
-def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain):
+@pytest.mark.parametrize(
+    ("share", "gain", "letter", "sample"), [(0.3, 0.06, "X", 1e-3), (0.5, 0.1, "Y", 1e-3), (0.2, 0.08, "Z", 5e-4)]
+)
+def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain, letter, sample):
     """A screw of bad efficiency is no friction that rises with the speed."""
-    axis, control = Axis(coulomb=0.05, loss=share), Control(velocity_gain=gain, integral_time=0.04, feedforward=1.0)
-    command = to_and_fro(control.sample)
+    axis, control = Axis(coulomb=0.05, loss=share), replace(LOOSE, velocity_gain=gain, sample=sample)
+    command = short_strokes(sample)
     actual, _ = record(axis, control, command, 0.02e-6)
-    (tmp_path / "strokes.csv").write_text(csv(command, actual))
-    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
-    (tmp_path / "machine.toml").write_text(machine_toml(axis, control, False, 0.05))
+    write_campaign(
+        tmp_path, csv(command, actual, None, sample), machine_toml(axis, control, False, 0.05), sample, letter
+    )
     result = diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
-    assert [e.effect.id for e in result.effects] == ["torque_loss.X"] and result.verdict == "identified"
+    assert [e.effect.id for e in result.effects] == [f"torque_loss.{letter}"] and result.verdict == "identified"
     (found,) = result.effects
     low, high = found.ci95["share_ratio"]
     assert low < share < high and found.effect.values["share_ratio"] == pytest.approx(share, rel=0.05)
@@ -115,8 +118,6 @@ def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain):
 
 
 # --- current ---------------------------------------------------------------------------------------------------------
-
-LOOSE = Control(integral_time=0.04, feedforward=1.0)
 
 
 def with_current(folder, column, factor, drive="", identify=True):
@@ -162,27 +163,69 @@ def test_a_current_narrows_inertia_only_with_its_constant(tmp_path, drive, narro
     assert len(said) == (not narrower) and all("a number that is not known, of either sign" in s for s in said)
 
 
-# --- limit of the torque ---------------------------------------------------------------------------------------------
+# --- limits of a drive -----------------------------------------------------------------------------------------------
 
 
-def limited(folder, control, limit, with_torque):
-    command = to_and_fro(control.sample)
-    actual, torque = record(FRICTION, replace(control, clip=limit), command, 0.02e-6)
-    text = csv(command, actual, torque if with_torque else None, control.sample)
-    place = write_campaign(folder, text, machine_toml(FRICTION, control, False, 0.12), control.sample)
-    assert np.mean(np.abs(torque) >= limit) > 0.01
+def limited(folder, stated, limits, with_torque=False, letter="X"):
+    """The diagnosis of a drive with limits that the machine file does not state."""
+    command = short_strokes(stated.sample)
+    actual, torque = record(FRICTION, replace(stated, **limits), command, 0.02e-6)
+    text = csv(command, actual, torque if with_torque else None, stated.sample)
+    place = write_campaign(folder, text, machine_toml(FRICTION, stated, False, 0.12), stated.sample, letter)
     return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
 
 
 @pytest.mark.parametrize(
-    ("control", "limit", "with_torque"),
-    [(Control(), 1.2, True), (LOOSE, 1.6, False), (Control(position_gain=60.0), 1.4, False)],
+    ("control", "limit", "with_torque", "letter"),
+    [
+        (Control(), 1.2, True, "X"),
+        (LOOSE, 1.6, False, "Z"),
+        (Control(position_gain=60.0, sample=5e-4), 1.4, False, "Y"),
+    ],
 )
-def test_a_torque_limit_that_is_not_stated_is_no_wrong_gain(tmp_path, control, limit, with_torque):
-    result = limited(tmp_path, control, limit, with_torque)
-    assert [e.effect.id for e in result.effects] == ["current_clip.X"]
+def test_a_torque_limit_that_is_not_stated_is_no_wrong_gain(tmp_path, control, limit, with_torque, letter):
+    result = limited(tmp_path, control, {"clip": limit}, with_torque, letter)
+    assert [e.effect.id for e in result.effects] == [f"current_clip.{letter}"]
     low, high = result.effects[0].ci95["torque_Nm"]
     assert low < limit < high and high < 1.1 * low
+
+
+def test_a_set_point_that_stands_says_the_limit_and_still_the_gain(tmp_path):
+    command, control = short_strokes(), Control(fastest=90.0)
+    actual, _ = record(FRICTION, control, command, 0.02e-6)
+    most = 90.0 * FRICTION.lead / (2.0 * np.pi)
+    v = np.clip(set_point(command, actual, control), -most, most)
+    rows = csv(command, actual).splitlines()
+    table = [rows[0] + ",X_velocity_command_mm_per_s"]
+    table += [f"{row},{1e3 * x:.7f}" for row, x in zip(rows[1:], v, strict=True)]
+    write_campaign(tmp_path, "\n".join(table) + "\n", machine_toml(FRICTION, Control(), False, 0.12))
+    campaign, machine = read_campaign(tmp_path), read_machine(tmp_path / "machine.toml")
+    data = axis_data(checked_logs(campaign, machine), "X", machine)
+    assert speed_limit(machine, data) == pytest.approx(90.0, rel=1e-3)
+    (gains,) = read_gains(machine, data)
+    assert gains.values["position_gain"] == pytest.approx(45.0, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("control", "limits", "letter"),
+    [
+        (LOOSE, {"fastest": 90.0}, "X"),
+        (Control(sample=5e-4), {"fastest": 70.0}, "Z"),
+        (LOOSE, {"no_load": 150.0, "stall": 2.0}, "Y"),
+        (Control(), {"no_load": 100.0, "stall": 20.0}, "X"),
+    ],
+)
+def test_a_limit_of_speed_or_voltage_is_found_without_a_current(tmp_path, control, limits, letter):
+    """The shape of the speed tells them apart: at a speed limit it is flat, at full voltage it still grows."""
+    result = limited(tmp_path, control, limits, letter=letter)
+    kind, other = ("speed_limit", "voltage_limit") if "fastest" in limits else ("voltage_limit", "speed_limit")
+    (found,) = result.effects
+    assert found.effect.id == f"{kind}.{letter}" and found.probability > 0.99 and result.verdict == "identified"
+    assert f"{other}.{letter}" not in found.others
+    names = {"fastest": "speed_rad_per_s", "no_load": "no_load_rad_per_s", "stall": "stall_Nm"}
+    for name, value in limits.items():
+        low, high = found.ci95[names[name]]
+        assert found.effect.values[names[name]] == pytest.approx(value, rel=5e-3) and high < 1.1 * low
 
 
 # --- filter of the command -------------------------------------------------------------------------------------------
@@ -199,14 +242,19 @@ def test_a_filter_of_the_command_has_its_closed_form(kind, time):
 
 
 @pytest.mark.parametrize(
-    ("control", "kind", "time"),
-    [(LOOSE, "lag_ms", 4e-3), (LOOSE, "mean_ms", 24e-3)],
+    ("control", "kind", "time", "letter"),
+    [
+        (LOOSE, "lag_ms", 4e-3, "X"),
+        (LOOSE, "mean_ms", 24e-3, "Y"),
+        (Control(sample=5e-4), "lag_ms", 12e-3, "Z"),
+    ],
 )
-def test_a_filter_of_the_command_is_no_wrong_gain(tmp_path, control, kind, time):
-    command = to_and_fro(control.sample)
+def test_a_filter_of_the_command_is_no_wrong_gain(tmp_path, control, kind, time, letter):
+    command = short_strokes(control.sample)
     actual, _ = record(FRICTION, control, filtered(command, control.sample, kind, time), 0.02e-6)
-    place = write_campaign(tmp_path, csv(command, actual), machine_toml(FRICTION, control, False, 0.12))
+    text, machine = csv(command, actual, None, control.sample), machine_toml(FRICTION, control, False, 0.12)
+    place = write_campaign(tmp_path, text, machine, control.sample, letter)
     result = diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
-    assert [e.effect.id for e in result.effects] == ["command_filter.X"]
+    assert [e.effect.id for e in result.effects] == [f"command_filter.{letter}"]
     low, high = result.effects[0].ci95[kind]
     assert low < 1e3 * time < high and result.after.rms < 0.3e-6

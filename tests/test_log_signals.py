@@ -18,7 +18,7 @@ from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import ServoStart, follow
 from mjsim.simulation.stability import check_loop, outermost_pole
 from mjsim.units import DEG, MM
-from tests.independent.logs import CAMPAIGN, Axis, csv, machine_toml, record, to_and_fro
+from tests.independent.logs import CAMPAIGN, Axis, csv, machine_toml, record, short_strokes, to_and_fro, write_campaign
 from tests.independent.logs import Control as Controller
 
 CHAIN = chain_of("XYC")
@@ -148,22 +148,22 @@ def test_the_poles_say_what_the_simulation_does(change, stable):
             check_loop(axis, "here", step)
 
 
-def test_an_unstable_machine_file_is_refused_before_anything_is_simulated(tmp_path):
+@pytest.mark.parametrize(("letter", "sample", "times"), [("X", 1e-3, 100.0), ("Y", 5e-4, 60.0), ("Z", 2e-3, 40.0)])
+def test_an_unstable_machine_file_is_refused_before_anything_is_simulated(tmp_path, letter, sample, times):
     """By compare and diagnose, in one sentence that names table, loop and remedy; the remedy is right."""
-    axis, control = Axis(coulomb=0.1), Controller(integral_time=0.04)
-    command = to_and_fro()
-    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
-    (tmp_path / "strokes.csv").write_text(csv(command, *record(axis, control, command)[:1]))
+    axis, control = Axis(coulomb=0.1), Controller(integral_time=0.04, sample=sample)
+    command = short_strokes(sample)
     text = machine_toml(axis, control, identify=False, friction=0.1)
     gain = float(re.findall(r"velocity_gain_Nms_per_rad = (\S+)", text)[-1])
     head, _, tail = text.partition("[controller.")
-    (tmp_path / "machine.toml").write_text(head + "[controller." + tail.replace(f"= {gain}", f"= {100 * gain}"))
+    unstable = head + "[controller." + tail.replace(f"= {gain}", f"= {times * gain}")
+    write_campaign(tmp_path, csv(command, record(axis, control, command)[0], None, sample), unstable, sample, letter)
     for command_name in ("compare", "diagnose"):
         status, said = run(command_name, tmp_path)
         said = " ".join(said.split())
-        assert status == 1 and "[controller.c.X]: the velocity loop swings itself up" in said, said
+        assert status == 1 and f"[controller.c.{letter}]: the velocity loop swings itself up" in said, said
     allowed = float(re.search(r"stable with these: velocity_gain_Nms_per_rad below about (\S+)", said)[1])
-    assert gain < allowed < 100 * gain
+    assert gain < allowed < times * gain
 
 
 @pytest.mark.parametrize("digits", [6, 9, 15])

@@ -179,6 +179,20 @@ def to_and_fro(sample: float = 1e-3) -> np.ndarray:
     return np.concatenate(out)
 
 
+def short_strokes(sample: float = 1e-3, way: float = 0.02) -> np.ndarray:
+    """A short command, (n,) m: two strokes of ``way``, one slow, and a sine that begins and ends slowly."""
+    parts = [np.zeros(round(0.05 / sample))]
+    for gone, duration in ((way, 0.2), (-way, 0.25), (0.05 * way, 0.15)):
+        u = np.arange(0.0, duration + 0.05, sample)[1:] / duration
+        u = np.minimum(u, 1.0)
+        parts.append(parts[-1][-1] + gone * (u - np.sin(2.0 * np.pi * u) / (2.0 * np.pi)))
+    s = np.arange(0.0, 0.4, sample)
+    window = np.sin(np.pi * s / 0.4) ** 2
+    parts.append(parts[-1][-1] + 0.15 * way * np.sin(2.0 * np.pi * 10.0 * s) * window)
+    parts.append(np.full(round(0.05 / sample), parts[-1][-1]))
+    return np.concatenate(parts)
+
+
 def filtered(command: np.ndarray, step: float, kind: str, time: float) -> np.ndarray:
     """A command (n,) behind a first-order lag (``lag_ms``) or a mean (``mean_ms``) of ``time`` s, in hundredths of a
     sample.

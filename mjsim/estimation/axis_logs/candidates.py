@@ -12,7 +12,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.estimation.axis_logs.data import AxisData
 from mjsim.estimation.axis_logs.entries import SHIFT, AxisModel, Entry
-from mjsim.estimation.axis_logs.gains import GainsRead, torque_limit
+from mjsim.estimation.axis_logs.gains import GainsRead, speed_limit, torque_limit
 from mjsim.estimation.axis_logs.start import nuisance_entries, only, typical_torque
 from mjsim.estimation.axis_logs.waves import near
 from mjsim.estimation.hypotheses import CAUSE, ORDERS
@@ -146,7 +146,7 @@ class Catalogue:
         self.machine, self.axis, self.gains = machine, data[0].axis, gains
         self.torque = typical_torque(machine, data)
         self.limit, self.most = torque_limit(machine, data), _largest_torque(machine, data)
-        self.fastest = _largest_speed(machine, data)
+        self.fastest, self.set_point = _largest_speed(machine, data), speed_limit(machine, data)
         gear = machine.drives[self.axis].gear
         speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
         self.speed = max(max(speeds) * gear, _SLOWEST)
@@ -254,12 +254,12 @@ class Catalogue:
     def _limits(self) -> list[Candidate]:
         """Limits of torque, speed and voltage, about the largest values of the motion.
 
-        That of the torque stands where a recorded torque does.
+        Those of torque and speed stand where a recorded torque or set-point does.
         """
         out = []
         if any(d.control.law is None for d in self.drives):
-            for share in _SPEEDS:
-                e = self._make("speed_limit", speed_rad_per_s=share * self.fastest)
+            for speed in (self.set_point,) if self.set_point else [share * self.fastest for share in _SPEEDS]:
+                e = self._make("speed_limit", speed_rad_per_s=speed)
                 out.append(Candidate(e, (self._log(e, "speed_rad_per_s"),)))
         for speed, torque in _VOLTAGES:
             e = self._make("voltage_limit", no_load_rad_per_s=speed * self.fastest, stall_Nm=torque * self.most)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -123,7 +124,39 @@ def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK
         memory = _FORGOTTEN / (drive.position_gain if drive.control.law is None else _USUAL_GAIN)
         start = _start(recording.time, record, resolution)
         out.append(AxisData(test, axis, recording.time, record, size, start, noise, resolution, memory))
-    return tuple(out)
+    return tuple(out) if not _counts_against(machine, out) else tuple(_turned(d) for d in out)
+
+
+def _counts_against(machine: Machine, data: Sequence[AxisData]) -> bool:
+    """Whether the recorded torque or force of an axis has the sign against the direction of its position."""
+    rows = [r for d in data if (r := output_row(d)) is not None and r.channel in ("torque", "force")]
+    return bool(rows) and per_needed_torque(machine, rows) < 0.0
+
+
+def _turned(d: AxisData) -> AxisData:
+    """A recording with its torque and force turned."""
+    force, torque = (None if x is None else -x for x in (d.record.force, d.record.torque))
+    return replace(d, record=replace(d.record, force=force, torque=torque))
+
+
+def per_needed_torque(machine: Machine, rows: Sequence[AxisData]) -> float:
+    """What was recorded of the motor's torque, per torque that the recorded motion needs by the data sheet.
+
+    Means of 10 ms are compared, without the mean of each recording: a load that acts all the time has any sign.
+    """
+    above, below = 0.0, 0.0
+    for r in rows:
+        drive, n = machine.drives[r.axis], max(1, int(0.01 / r.step))
+        angle, recorded = (np.convolve(x, np.ones(n) / n, "valid")[::n] for x in (r.record.actual, r.recorded))
+        if len(angle) < 3:
+            continue
+        speed = np.gradient(angle * drive.gear, n * r.step)
+        friction = machine.effect(f"friction.{r.axis}")
+        needed = drive.inertia * np.gradient(speed, n * r.step) + drive.viscous * speed
+        needed += (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed)
+        needed -= needed.mean()
+        above, below = above + float(needed @ (recorded - recorded.mean())), below + float(needed @ needed)
+    return above / max(below, 1e-30)
 
 
 def output_row(d: AxisData) -> AxisData | None:

@@ -12,7 +12,16 @@ from typing import Protocol
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData
-from mjsim.estimation.axis_logs.entries import CONTROLLER, NUISANCES, OUTPUT_ZERO, PER_TORQUE, PHASE, ZERO, AxisModel
+from mjsim.estimation.axis_logs.entries import (
+    CONTROLLER,
+    NUISANCES,
+    OUTPUT_ZERO,
+    PER_TORQUE,
+    PHASE,
+    START_TORQUE,
+    ZERO,
+    AxisModel,
+)
 from mjsim.machine.plant import AxisPlant
 
 #: Step of numerical derivatives, units of the vector.
@@ -88,6 +97,51 @@ def columns(
     for j, (cosine, sine) in parts.items():
         for k in shown[j]:
             out[k][:, at[j]] = vector[cosine] * out[k][:, at[sine]] - vector[sine] * out[k][:, at[cosine]]
+    return out
+
+
+def along_torques(
+    fitter: Simulator, model: AxisModel, residual: Sequence[np.ndarray], design: Sequence[np.ndarray]
+) -> tuple[np.ndarray, ...]:
+    """Derivatives that are right along one direction: all torques of an axis larger by one share.
+
+    Where all of them are free, the motion stays as it is. Derivatives by each, with the kinks of a limit in them, do
+    not cancel exactly, and a number would be known that no recording shows.
+
+    Args:
+        fitter: Simulates.
+        model: At its values.
+        residual: There.
+        design: Derivatives, (blocks, p) per row.
+    """
+    way = torque_direction(model)
+    if not way.any():
+        return tuple(design)
+    ends = []
+    for by in (_STEP, -_STEP):
+        at = model.vector + by * way
+        axes = fitter.axes(model, at)
+        found = fitter.map([(fitter.means, axes, model, at, k) for k in range(len(fitter.data))])
+        ends.append(
+            {i: x for rows, xs in zip(fitter.rows_of, found, strict=True) for i, x in zip(rows, xs, strict=True)}
+        )
+    slopes = [(ends[0][i] - ends[1][i]) / (2.0 * _STEP) for i in range(len(residual))]
+    return tuple(d + np.outer(s - d @ way, way) / (way @ way) for d, s in zip(design, slopes, strict=True))
+
+
+def torque_direction(model: AxisModel) -> np.ndarray:
+    """How the vector changes where all torques that are free grow by one share, (p,)."""
+    out = np.zeros(len(model.entries))
+    for j, e in enumerate(model.entries):
+        effect = model.machine.effect(e.owner)
+        amplitudes = [p.name for p in effect.parameters_of(effect.subject)] if effect is not None else []
+        is_wave = e.name.startswith(("cosine", "sine"))
+        of_wave = effect is not None and (effect.kind == "cogging" or "amplitude_Nm" in amplitudes)
+        grows = e.name in ("inertia", "viscous", "velocity_gain", START_TORQUE) or e.name.endswith("_Nm")
+        if grows or (is_wave and of_wave):
+            out[j] = 1.0 if e.log else e.value / e.scale
+        elif e.owner == PER_TORQUE:
+            out[j] = -e.value / e.scale
     return out
 
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from mjsim.estimation.axis_logs.data import AxisData, output_row
-from mjsim.estimation.axis_logs.derivatives import AxisRuns, columns
+from mjsim.estimation.axis_logs.derivatives import AxisRuns, along_torques, columns
 from mjsim.estimation.axis_logs.descent import FALL, Descended, descend, mean_logs
 from mjsim.estimation.axis_logs.discrepancy import LogDiscrepancy, allowed_in, discrepancy_of
 from mjsim.estimation.axis_logs.entries import (
@@ -289,7 +289,8 @@ class LogFitter:
         Along combinations that only the priors fix, one-sided derivatives lead astray.
         """
         fit = self.fit(fit.model, steps, 1, central=True)
-        return self._fit(fit.model, fit.residual, self.columns(fit.model, fit.model.vector, fit.residual, central=True))
+        design = self.columns(fit.model, fit.model.vector, fit.residual, central=True)
+        return self._fit(fit.model, fit.residual, along_torques(self, fit.model, fit.residual, design))
 
     def allowed(self, model: AxisModel, design: Sequence[np.ndarray]) -> tuple[float, ...]:
         """RMS that a sound machine may leave in each recording, axis units."""

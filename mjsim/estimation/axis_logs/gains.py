@@ -34,6 +34,8 @@ _DELAYS = (0, 1, 2, 3, 4)
 _EXPLAINED, _EXACT, _LEAST = 0.97, 0.9999, 0.0005
 #: Standard deviations beyond which a reading contradicts the data sheet.
 _CONTRADICTED = 5.0
+#: Share of a limit below which an output follows from the law.
+_BELOW = 0.98
 #: Factor on what is not explained within which two sets of gains do as well (assumed).
 _AS_WELL = 2.0
 
@@ -136,8 +138,10 @@ def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisDa
             assert v is not None
             held = d.record.load if at == "both" and d.record.load is not None else d.record.actual
             error, rate = d.record.command - held, np.gradient(d.record.command, d.time)
-            columns.append(np.column_stack([error, rate, np.ones(len(v))])[: len(v) - delay])
-            wanted.append(v[delay:])
+            limit = limit_of(v, error, d.resolution)
+            free = np.abs(v[delay:]) < (_BELOW * limit if limit else np.inf)
+            columns.append(np.column_stack([error, rate, np.ones(len(v))])[: len(v) - delay][free])
+            wanted.append(v[delay:][free])
         design, v = np.vstack(columns), np.concatenate(wanted)
         if not design[:, 0].any():
             return None
@@ -211,7 +215,7 @@ def _read(
     recorded = [u for u in torques if u is not None] if is_torque else _as_torques(axis, data)
     if not recorded:
         return None
-    limit = 0.98 * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0, *_limits(data, recorded))
+    limit = _BELOW * min(axis.control.clip, max(np.abs(u).max() for u in recorded) * 2.0, *_limits(data, recorded))
 
     def residual(x: np.ndarray) -> np.ndarray:
         moved = replace(axis, **{n: getattr(axis, n) * np.exp(v) for n, v in zip(names, x, strict=True)})
@@ -256,6 +260,13 @@ def torque_limit(machine: Machine, data: Sequence[AxisData]) -> float:
     gear = machine.drives[data[0].axis].gear
     with_torque = [(d, u) for d in data if (u := d.record.motor_torque(gear)) is not None]
     return min(_limits([d for d, _ in with_torque], [u for _, u in with_torque]), default=0.0)
+
+
+def speed_limit(machine: Machine, data: Sequence[AxisData]) -> float:
+    """Speed of the motor, rad/s, at which a recorded velocity set-point stands in some recording; 0 where none does."""
+    there = [(d, v) for d in data if (v := d.record.velocity_command) is not None]
+    found = _limits([d for d, _ in there], [v for _, v in there])
+    return min(found, default=0.0) * machine.drives[data[0].axis].gear
 
 
 def _as_torques(axis: AxisPlant, data: Sequence[AxisData]) -> list[np.ndarray]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.axis_logs.data import AxisData, output_row
+from mjsim.estimation.axis_logs.data import AxisData, output_row, per_needed_torque
 from mjsim.estimation.axis_logs.entries import (
     CONTROLLER,
     DRIVE,
@@ -199,25 +199,13 @@ def _output_entries(machine: Machine, data: Sequence[AxisData]) -> list[Entry]:
         if number is not None:
             out.append(Entry(PER_TORQUE, PER_TORQUE, number, channel, _CONSTANT, scale=number))
             continue
-        needed, found = zip(*(_against(machine, r) for r in mine), strict=True)
-        u, x = np.concatenate(needed), np.concatenate(found)
-        number = float(u @ x / max(float(u @ u), 1e-30)) or 1.0
+        number = per_needed_torque(machine, mine) or 1.0
         out.append(Entry(PER_TORQUE, PER_TORQUE, number, channel, _UNKNOWN, scale=abs(number)))
     for r in rows:
         most, size = MOST_SHIFT * r.step, _ZERO_OUTPUT * float(np.abs(r.recorded).max())
         out.append(Entry(OUTPUT_ZERO, OUTPUT_ZERO, 0.0, r.name, 1.0, scale=size))
         out.append(Entry(OUTPUT_LATE, OUTPUT_LATE, 0.0, r.name, 1.0, scale=r.step, lower=-most, upper=most))
     return out
-
-
-def _against(machine: Machine, r: AxisData) -> tuple[np.ndarray, np.ndarray]:
-    """Torques that the recorded motion needs by the data sheet, N·m, and what was recorded, means of 10 ms."""
-    drive, n = machine.drives[r.axis], max(1, int(0.01 / r.step))
-    angle, recorded = (np.convolve(x, np.ones(n) / n, "valid")[::n] for x in (r.record.actual, r.recorded))
-    speed = np.gradient(angle * drive.gear, n * r.step)
-    friction = machine.effect(f"friction.{r.axis}")
-    needed = drive.inertia * np.gradient(speed, n * r.step) + drive.viscous * speed
-    return needed + (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed), recorded
 
 
 def typical_torque(machine: Machine, data: Sequence[AxisData]) -> float:

@@ -344,6 +344,12 @@ def not_used_because(test: str, axis: str, name: str, why: str) -> Finding:
     return Finding("not used", test, (axis,), said)
 
 
+def counts_against(test: str, axis: str, name: str) -> Finding:
+    """The sentence that a channel of a log has the sign against the direction of its axis."""
+    said = f"{test}: the {_words(name)} of {axis} counts against the direction of the position; its sign is turned"
+    return Finding("used", test, (axis,), said)
+
+
 def used_without_law(test: str, axis: str, name: str, why: str) -> Finding:
     """The sentence that a channel of a log is held against the model's torque, and says nothing about the control."""
     number = "" if name in ("torque", "force") else " times a number that is not known"

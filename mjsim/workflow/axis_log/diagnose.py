@@ -26,6 +26,7 @@ from mjsim.estimation.outcome import verdict_of
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.axis_log.signals import (
     Finding,
+    counts_against,
     findings,
     not_used_because,
     used_up_to_a_factor,
@@ -153,6 +154,12 @@ def _signals(
             mine = [d.name for d in fitters[axis].data if d.test.controller == g.controller]
             yield from (used_up_to_a_factor(test, axis, g.channel, said) for test in mine)
         rows = {(r.name, r.channel) for r in fitters[axis].rows}
+        for d in fitters[axis].data:
+            given = campaign.traces[d.name].axes[axis]
+            for name in ("torque", "force"):
+                recorded, used = getattr(given, name), getattr(d.record, name)
+                if recorded is not None and np.any(recorded != used):
+                    yield counts_against(d.name, axis, name)
         for (test, name), why in unused(machine, fitters[axis].data, s.gains).items():
             yield (used_without_law if (test, name) in rows else not_used_because)(test, axis, name, why)
         if machine.drives[axis].encoder == "load":
