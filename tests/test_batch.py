@@ -9,7 +9,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
@@ -386,6 +388,26 @@ def test_an_interrupt_that_foreign_code_swallows(folder, monkeypatch):
     assert result.exit_code == 130 and "the same command continues from there" in result.stderr
     assert 1 <= len(pd.read_parquet(out / "results")) < 10
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_what_is_running_is_delivered_when_the_work_is_stopped():
+    """Whatever the deliveries raise; and nothing further begins."""
+    both, got = threading.Barrier(2), []
+
+    def work(number):
+        if number < 2:
+            both.wait(10.0)
+        return number
+
+    def deliver(number, future):
+        got.append(future.result())
+        raise KeyboardInterrupt
+
+    executor = ThreadPoolExecutor(2)
+    crew = scheduler.Crew(executor, lambda: 2, lambda value: value)
+    with pytest.raises(KeyboardInterrupt):
+        scheduler.work_off(crew, range(100), lambda number: executor.submit(work, number), deliver)
+    assert {0, 1} <= set(got) <= set(range(6)) and len(got) == len(set(got))
 
 
 def wait_for(condition, process=None, seconds=60.0):

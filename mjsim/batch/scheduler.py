@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from typing import IO, Any, TypeVar
@@ -78,9 +78,10 @@ def work_off(
         running = [future for future in flight if not future.cancel()]
         if flight:
             crew.executor.shutdown(wait=False)
-        for future in wait(running).done:
-            if future.exception() is None:
-                deliver(flight[future], future)
+        with ExitStack() as late:  # each of them, also where the first one raises
+            for future in wait(running).done:
+                if future.exception() is None:
+                    late.callback(deliver, flight[future], future)
 
 
 @contextmanager
