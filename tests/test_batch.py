@@ -26,6 +26,7 @@ from mjsim.batch.dataset import Folder
 from mjsim.batch.simulate import FIGURES
 from mjsim.batch.sweep import Job, read_sweep
 from mjsim.batch.tables import check_versions
+from mjsim.batch.targets import varied_test
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.data_sheet import data_sheet
@@ -512,6 +513,14 @@ def test_another_sweep_in_the_folder_is_refused(folder):
         mjsim.run_batch(file, folder / "theirs")
     with Folder(read_sweep(file), out), pytest.raises(InputError, match="another mjsim batch is writing there"):
         mjsim.run_batch(file, out)
+
+
+@pytest.mark.parametrize(("key", "words"), [("program", "the NC program p.nc"), ("driven_by", "the record r.csv")])
+def test_a_test_that_a_file_drives_is_not_varied(folder, key, words):
+    """The file has the motion: another feed or cone would not be run."""
+    table = {"name": "t", key: words.split()[-1]}
+    with pytest.raises(InputError, match=f'feed_mm_min cannot be varied: test "t" is driven by {words}'):
+        varied_test(folder / "campaign.toml", "s.toml", table, {"feed_mm_min": 900.0}, FIVE_AXIS)
 
 
 BAD = {
