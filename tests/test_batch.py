@@ -22,7 +22,7 @@ from commands import POSIX, run, with_b_axis
 
 import mjsim
 from mjsim.batch import dataset, scheduler
-from mjsim.batch.dataset import Folder
+from mjsim.batch.dataset import opened
 from mjsim.batch.simulate import FIGURES
 from mjsim.batch.sweep import Job, read_sweep
 from mjsim.batch.tables import check_versions
@@ -405,7 +405,7 @@ def test_what_is_running_is_delivered_when_the_work_is_stopped():
         raise KeyboardInterrupt
 
     executor = ThreadPoolExecutor(2)
-    crew = scheduler.Crew(executor, lambda: 2, lambda value: value)
+    crew = scheduler.Crew(executor, lambda: 2)
     with pytest.raises(KeyboardInterrupt):
         scheduler.work_off(crew, range(100), lambda number: executor.submit(work, number), deliver)
     assert {0, 1} <= set(got) <= set(range(6)) and len(got) == len(set(got))
@@ -511,7 +511,7 @@ def test_another_sweep_in_the_folder_is_refused(folder):
     (folder / "theirs" / "results" / "part-1.parquet").write_text("mine")
     with pytest.raises(InputError, match=r"has a folder 'results' but no sweep\.json"):
         mjsim.run_batch(file, folder / "theirs")
-    with Folder(read_sweep(file), out), pytest.raises(InputError, match="another mjsim batch is writing there"):
+    with opened(read_sweep(file), out), pytest.raises(InputError, match="another mjsim batch is writing there"):
         mjsim.run_batch(file, out)
 
 

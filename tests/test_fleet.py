@@ -143,13 +143,13 @@ class _Worker(Executor):
 
 def test_on_a_cluster_a_lost_worker_is_a_row(folders, tmp_path, monkeypatch):
     """Without a cluster: campaigns travel as bytes, and whatever the cluster raises becomes a row."""
-    crew = nullcontext(Crew(_Worker(), lambda: 1, lambda value: value))
+    crew = nullcontext(Crew(_Worker(), lambda: 1, is_cluster=True))
     monkeypatch.setattr(fleet, "crew_of", lambda here, count, scheduler: crew)
     both = [folders / "hall" / "one", folders / "fatal"]
     one, fatal = mjsim.run_fleet(both, tmp_path, scheduler="tcp://here:1").campaigns
     assert one["error"] is None and one["folder"] == str(folders / "hall" / "one")
     assert fatal["campaign"] == "fatal"
-    assert fatal["error"] == "the cluster gave it back: ZeroDivisionError: lost"
+    assert fatal["error"] == "the cluster gave it back: ZeroDivisionError: lost; run the same command to go on"
 
 
 def test_a_campaign_elsewhere_gives_the_same(result, folders):
