@@ -6,7 +6,7 @@ import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mjsim.batch.dataset import Folder, opened
 from mjsim.batch.scheduler import crew_of, work_off
@@ -108,7 +108,7 @@ def batch(
     ):
         writer = _Writer(sweep, folder, progress)
         simulator = Simulator(sweep)
-        shared = crew.share(packed(sweep)) if crew.is_cluster else None
+        shared: Any = crew.share(packed(sweep)) if crew.is_cluster else None
 
         def submit(job: Job) -> Future[Outcome]:
             if crew.is_cluster:

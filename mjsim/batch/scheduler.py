@@ -33,7 +33,8 @@ TIMEOUT_S = 5.0
 #: Jobs that wait for each thread, beside the one that it works on.
 AHEAD = 2
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-_J, _R = TypeVar("_J"), TypeVar("_R")
+_J = TypeVar("_J")
+_R = TypeVar("_R")
 
 
 @dataclass(frozen=True)
