@@ -221,7 +221,7 @@ def show_combinations(data: dict) -> None:
         )
 
 
-def show(data: dict) -> None:
+def show_bars(data: dict) -> None:
     """Tables of a comparison's JSON."""
     if data["not_measured"]:
         common.paragraph(
@@ -311,7 +311,7 @@ def show(data: dict) -> None:
             common.paragraph(f"limits: {source}")
 
 
-def show_logs(data: dict) -> None:
+def show_log_errors(data: dict) -> None:
     """Tables of a comparison's JSON."""
     rows = []
     for t in data["tests"]:
@@ -378,4 +378,4 @@ def symbol_of(axis: dict) -> str:
 
 
 #: What is printed of an instrument, where it is more than the errors of its channels.
-_SHOW = {BallBarTest.instrument: show, LogTest.instrument: show_logs}
+_SHOW = {BallBarTest.instrument: show_bars, LogTest.instrument: show_log_errors}
