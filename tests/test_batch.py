@@ -9,7 +9,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
@@ -20,10 +22,11 @@ from commands import POSIX, run, with_b_axis
 
 import mjsim
 from mjsim.batch import dataset, scheduler
-from mjsim.batch.dataset import Folder
+from mjsim.batch.dataset import opened
 from mjsim.batch.simulate import FIGURES
 from mjsim.batch.sweep import Job, read_sweep
 from mjsim.batch.tables import check_versions
+from mjsim.batch.targets import varied_test
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.estimation.data_sheet import data_sheet
@@ -388,6 +391,26 @@ def test_an_interrupt_that_foreign_code_swallows(folder, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_what_is_running_is_delivered_when_the_work_is_stopped():
+    """Whatever the deliveries raise; and nothing further begins."""
+    both, got = threading.Barrier(2), []
+
+    def work(number):
+        if number < 2:
+            both.wait(10.0)
+        return number
+
+    def deliver(number, future):
+        got.append(future.result())
+        raise KeyboardInterrupt
+
+    executor = ThreadPoolExecutor(2)
+    crew = scheduler.Crew(executor, lambda: 2)
+    with pytest.raises(KeyboardInterrupt):
+        scheduler.work_off(crew, range(100), lambda number: executor.submit(work, number), deliver)
+    assert {0, 1} <= set(got) <= set(range(6)) and len(got) == len(set(got))
+
+
 def wait_for(condition, process=None, seconds=60.0):
     """Poll until a condition holds; the process must not end before."""
     deadline = time.monotonic() + seconds
@@ -488,8 +511,16 @@ def test_another_sweep_in_the_folder_is_refused(folder):
     (folder / "theirs" / "results" / "part-1.parquet").write_text("mine")
     with pytest.raises(InputError, match=r"has a folder 'results' but no sweep\.json"):
         mjsim.run_batch(file, folder / "theirs")
-    with Folder(read_sweep(file), out), pytest.raises(InputError, match="another mjsim batch is writing there"):
+    with opened(read_sweep(file), out), pytest.raises(InputError, match="another mjsim batch is writing there"):
         mjsim.run_batch(file, out)
+
+
+@pytest.mark.parametrize(("key", "words"), [("program", "the NC program p.nc"), ("driven_by", "the record r.csv")])
+def test_a_test_that_a_file_drives_is_not_varied(folder, key, words):
+    """The file has the motion: another feed or cone would not be run."""
+    table = {"name": "t", key: words.split()[-1]}
+    with pytest.raises(InputError, match=f'feed_mm_min cannot be varied: test "t" is driven by {words}'):
+        varied_test(folder / "campaign.toml", "s.toml", table, {"feed_mm_min": 900.0}, FIVE_AXIS)
 
 
 BAD = {

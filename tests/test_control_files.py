@@ -228,9 +228,6 @@ def test_a_ball_bar_trace_of_a_spreadsheet(tmp_path, good):
 # --- controls --------------------------------------------------------------------------------------------------------
 
 
-_VELOCITY = "/Nck/!SD/nckServoDataCmdVelCtrlIn64 [u1, 7]"
-
-
 def sinumerik():
     """A trace as SINUMERIK Operate saves it, of axis 7: measured positions at every second record only."""
     said = [

@@ -71,11 +71,13 @@ def test_a_campaign_travels_as_its_files(folders, tmp_path):
     one = shutil.copytree(folders / "hall" / "one", tmp_path / "hall" / "one")
     shutil.move(one / "machine.toml", tmp_path / "hall" / "m.toml")
     text = (one / "campaign.toml").read_text()
-    (one / "campaign.toml").write_text(text.replace("[instrument]", 'machine = "../m.toml"\n[instrument]', 1))
+    text = text.replace("[instrument]", 'machine = "../m.toml"\n[instrument]', 1)
+    (one / "campaign.toml").write_text(text.replace("[[test]]", '[[test]]\ndriven_by = "record.csv"', 1))
+    (one / "record.csv").write_text("what a control told the axes")
     files = files_of(one)
-    assert set(files) == {"campaign.toml", os.path.join("traces", "turn.csv"), os.path.join("..", "m.toml")}
+    assert set(files) == {"campaign.toml", "traces/turn.csv", "record.csv", "../m.toml"}
     there = unpack(files, tmp_path / "elsewhere")
-    assert (there / ".." / "m.toml").read_bytes() == files[os.path.join("..", "m.toml")]
+    assert (there / ".." / "m.toml").read_bytes() == files["../m.toml"]
     with pytest.raises(InputError, match="lies outside"):
         unpack({str(tmp_path / "x"): b""}, tmp_path / "elsewhere" / "deep")
 
@@ -141,13 +143,13 @@ class _Worker(Executor):
 
 def test_on_a_cluster_a_lost_worker_is_a_row(folders, tmp_path, monkeypatch):
     """Without a cluster: campaigns travel as bytes, and whatever the cluster raises becomes a row."""
-    crew = nullcontext(Crew(_Worker(), lambda: 1, lambda value: value))
+    crew = nullcontext(Crew(_Worker(), lambda: 1, is_cluster=True))
     monkeypatch.setattr(fleet, "crew_of", lambda here, count, scheduler: crew)
     both = [folders / "hall" / "one", folders / "fatal"]
     one, fatal = mjsim.run_fleet(both, tmp_path, scheduler="tcp://here:1").campaigns
     assert one["error"] is None and one["folder"] == str(folders / "hall" / "one")
     assert fatal["campaign"] == "fatal"
-    assert fatal["error"] == "the cluster gave it back: ZeroDivisionError: lost"
+    assert fatal["error"] == "the cluster gave it back: ZeroDivisionError: lost; run the same command to go on"
 
 
 def test_a_campaign_elsewhere_gives_the_same(result, folders):

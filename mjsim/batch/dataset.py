@@ -13,16 +13,18 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from mjsim.batch.simulate import Outcome
 from mjsim.batch.sweep import Job, Sweep
-from mjsim.batch.tables import NUMBER, NUMBERS, TEXT, WHOLE, Columns, Table, schema, versions
+from mjsim.batch.tables import NUMBER, NUMBERS, TEXT, WHOLE, Columns, Table, held, schema, versions
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.files import test_table
-from mjsim.io.files import check_writable, locked, write_whole
+from mjsim.io.files import check_writable, write_whole
 from mjsim.io.inputs import file_bytes
 
 _KEYS: Columns = {"run": (WHOLE, "", "run, counted from 0"), "test": (TEXT, "", "name of the test")}
@@ -126,8 +128,9 @@ def _difference(now: dict, then: dict) -> str | None:
     return None
 
 
-class Folder:
-    """The result folder of one sweep, held by one process at a time; use it in a ``with`` block.
+@contextmanager
+def opened(sweep: Sweep, out: Path, force: bool = False) -> Iterator[Folder]:
+    """The folder of a sweep, held by one process at a time.
 
     Args:
         sweep: What is run.
@@ -137,10 +140,27 @@ class Folder:
     Raises:
         InputError: The folder holds another sweep's results, belongs to a running process, or cannot be written.
     """
+    check_writable(out / "sweep.json", force=True)
+    if not force:
+        check_folder(sweep, out)
+    with held(out, "mjsim batch", ".sweep.json.*", "results/.part-*", "traces/.part-*"):
+        for file in [*out.glob("results/part-*.parquet"), *out.glob("traces/part-*.parquet")] if force else []:
+            file.unlink()
+        text = json.dumps(describe(sweep), indent=1, ensure_ascii=False) + "\n"
+        write_whole(out / "sweep.json", text, force=True)
+        yield Folder(sweep, out)
 
-    def __init__(self, sweep: Sweep, out: Path, force: bool = False) -> None:
-        self._sweep, self._out, self._force = sweep, out, force
-        self._about = describe(sweep)
+
+class Folder:
+    """The results of one sweep.
+
+    Args:
+        sweep: What is run.
+        out: Where they are.
+    """
+
+    def __init__(self, sweep: Sweep, out: Path) -> None:
+        self._sweep, self._out, self._about = sweep, out, describe(sweep)
         self._names = [t.name for t in sweep.tests]
         places = np.arange(sweep.runs * len(self._names))
         by_run, by_order = places.reshape(sweep.runs, -1), np.empty((sweep.runs, len(self._names)), int)
@@ -150,23 +170,6 @@ class Folder:
 
     def _table(self, name: str, columns: Columns, rows: int, places: np.ndarray) -> Table:
         return Table(self._out / name, schema(columns, "mjsim.sweep", self._about), rows, places, self._names)
-
-    def __enter__(self) -> Folder:
-        check_writable(self._out / "sweep.json", force=True)
-        if not self._force:
-            check_folder(self._sweep, self._out)
-        self._out.mkdir(parents=True, exist_ok=True)
-        self._lock = locked(self._out, "mjsim batch")
-        stray = [".sweep.json.*", "results/.part-*", "traces/.part-*"]
-        for pattern in [*stray, *(["results/part-*.parquet", "traces/part-*.parquet"] if self._force else [])]:
-            for file in self._out.glob(pattern):
-                file.unlink()
-        text = json.dumps(self._about, indent=1, ensure_ascii=False) + "\n"
-        write_whole(self._out / "sweep.json", text, force=True)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
 
     def done(self) -> set[Job]:
         """What is there.

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjsim.batch.tables import versions
+from mjsim.batch.targets import DRIVERS
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.temperature import FILE
@@ -102,7 +103,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
     machine = str(campaign.get("machine", "machine.toml"))
     names.add(machine)
     for test in _tables(campaign.get("test")):
-        names |= {str(test[key]) for key in ("trace", "program") if key in test}
+        names |= {str(test[key]) for key in ("trace", *DRIVERS) if key in test}
     beside = os.path.dirname(machine)
     for effect in _tables(_table(folder / machine).get("effect")):
         if "file" in effect:

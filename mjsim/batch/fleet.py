@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,9 +17,9 @@ from typing import TYPE_CHECKING
 from mjsim.batch import diagnoses, fleet_page
 from mjsim.batch.diagnoses import Job, Options, campaigns_in, diagnosed_elsewhere, files_of, job_of
 from mjsim.batch.scheduler import Processes, crew_of, work_off
-from mjsim.batch.tables import NUMBER, TEXT, TRUTH, WHOLE, Columns, pa, schema, versions, write_table
-from mjsim.errors import SimulationError, shortened
-from mjsim.io.files import check_writable, locked, write_whole
+from mjsim.batch.tables import NUMBER, TEXT, TRUTH, WHOLE, Columns, held, pa, schema, versions, write_table
+from mjsim.errors import SimulationError
+from mjsim.io.files import check_writable, write_whole
 from mjsim.io.inputs import file_bytes
 from mjsim.progress import Progress, silent
 from mjsim.report.write import need_report
@@ -190,15 +189,10 @@ def fleet(
     given = [folders] if isinstance(folders, (str, Path)) else list(folders)
     check_writable(out / _PAGE, force=True)
     jobs = [job_of(folder, options) for folder in campaigns_in([Path(f) for f in given])]
-    with _held(out):
+    with held(out, "mjsim fleet", f"{_RESULTS}/.*.json.*"):
         done = {job.key: row for job in jobs if (row := _known(out, job)) is not None}
         todo = [job for job in jobs if job.key not in done]
         progress("diagnosing", len(jobs) - len(todo), len(jobs))
-
-        def deliver(job: Job, future: Future[dict]) -> None:
-            done[job.key] = row = {"campaign": job.folder.name, "machine": "", **_result(future)}
-            write_whole(_file(out, job), json.dumps(row, ensure_ascii=False, indent=1) + "\n", force=True)
-            progress("diagnosing", sum(j.key in done for j in jobs), len(jobs))
 
         if todo:
             count = min(cores, len(todo))
@@ -206,9 +200,18 @@ def fleet(
             with crew_of(here, count, scheduler) as crew:
 
                 def submit(job: Job) -> Future[dict]:
-                    if scheduler is None:
-                        return here.submit(here.ask, {"folder": str(job.folder), "options": vars(options)})
-                    return crew.executor.submit(diagnosed_elsewhere, files_of(job.folder), options)
+                    if crew.is_cluster:
+                        return crew.executor.submit(diagnosed_elsewhere, files_of(job.folder), options)
+                    return here.submit(here.ask, {"folder": str(job.folder), "options": vars(options)})
+
+                def deliver(job: Job, future: Future[dict]) -> None:
+                    try:
+                        found = crew.result(future)
+                    except SimulationError as error:  # a process or a worker was lost
+                        found = {"error": str(error), "seconds": None}
+                    done[job.key] = row = {"campaign": job.folder.name, "machine": "", **found}
+                    write_whole(_file(out, job), json.dumps(row, ensure_ascii=False, indent=1) + "\n", force=True)
+                    progress("diagnosing", sum(j.key in done for j in jobs), len(jobs))
 
                 work_off(crew, todo, submit, deliver)
         rows = [{**done[job.key], "folder": str(job.folder)} for job in jobs]
@@ -217,17 +220,6 @@ def fleet(
         write_whole(out / _PAGE, fleet_page.render(rows), force=True)
     failed = sum(row.get("error") is not None for row in rows)
     return FleetResult(out, tuple(rows), len(todo), failed, time.monotonic() - begun, (*files, out / _PAGE))
-
-
-def _result(future: Future[dict]) -> dict:
-    """What was found; that a process or a worker was lost is a result as well."""
-    try:
-        return future.result()
-    except SimulationError as error:
-        what = str(error)
-    except Exception as error:  # a worker lost for the fourth time, the scheduler gone
-        what = shortened(f"the cluster gave it back: {type(error).__name__}: {error}", 400)
-    return {"error": what, "seconds": None}
 
 
 def _file(out: Path, job: Job) -> Path:
@@ -244,16 +236,3 @@ def _known(out: Path, job: Job) -> dict | None:
     except ValueError:
         return None
     return row if isinstance(row, dict) and row.get("error") is None and "verdict" in row else None
-
-
-@contextmanager
-def _held(out: Path) -> Iterator[None]:
-    """The folder of the results, held by one process at a time."""
-    (out / _RESULTS).mkdir(parents=True, exist_ok=True)
-    lock = locked(out, "mjsim fleet")
-    try:
-        for stray in (out / _RESULTS).glob(".*.json.*"):
-            stray.unlink()
-        yield
-    finally:
-        lock.release()

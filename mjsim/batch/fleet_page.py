@@ -36,7 +36,7 @@ def content(campaigns: Sequence[dict]) -> dict:
     machines = [_machine(name, configuration, rows) for (name, configuration), rows in by_machine.items()]
     machines.sort(key=lambda m: (-m["attention"], m["name"]))
     done = [c for c in campaigns if c.get("error") is None]
-    named = Counter(effect for c in done for effect in {f["effect"] for f in c["findings"]})
+    named = Counter(effect for c in done for effect in dict.fromkeys(f["effect"] for f in c["findings"]))
     titles = {f["effect"]: f["title"] for c in done for f in c["findings"]}
     owners = {
         effect: len(

@@ -6,14 +6,13 @@ import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from mjsim.batch.dataset import Folder
+from mjsim.batch.dataset import Folder, opened
 from mjsim.batch.scheduler import crew_of, work_off
 from mjsim.batch.simulate import Outcome, Simulator, packed, run_elsewhere
 from mjsim.batch.sweep import Job, Sweep, read_sweep
 from mjsim.batch.tables import pq, versions
-from mjsim.errors import InputError, SimulationError
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.progress import Progress, silent
 from mjsim.simulation import callback
@@ -98,38 +97,26 @@ def batch(
     Raises:
         InputError: The sweep file or what it names is wrong, ``out`` holds another sweep, or the cluster cannot be
             used.
-        SimulationError: The cluster gave a run back.
+        SimulationError: The cluster has lost a run for good.
         KeyboardInterrupt: The user stopped it; finished runs are in ``out``.
     """
     sweep, out, begun = sweep if isinstance(sweep, Sweep) else read_sweep(sweep), Path(out), time.monotonic()
     with (
         crew_of(ThreadPoolExecutor(threads), threads, scheduler) as crew,
-        Folder(sweep, out, force) as folder,
+        opened(sweep, out, force) as folder,
         callback.installed(),
     ):
         writer = _Writer(sweep, folder, progress)
         simulator = Simulator(sweep)
-        shared = None if scheduler is None else crew.share(packed(sweep))
+        shared: Any = crew.share(packed(sweep)) if crew.is_cluster else None
 
         def submit(job: Job) -> Future[Outcome]:
-            if scheduler is None:
-                return crew.executor.submit(simulator.run, job)
-            return crew.executor.submit(run_elsewhere, shared, versions(), job)
-
-        def deliver(_: Job, future: Future[Outcome]) -> None:
-            try:
-                writer.take(future.result())
-            except (InputError, SimulationError):
-                raise
-            except Exception as error:  # of a cluster: a worker lost for the fourth time, the scheduler gone
-                if scheduler is None:
-                    raise
-                raise SimulationError(
-                    f"the cluster gave a run back: {type(error).__name__}: {error}; run the same command to go on"
-                ) from None
+            if crew.is_cluster:
+                return crew.executor.submit(run_elsewhere, shared, versions(), job)
+            return crew.executor.submit(simulator.run, job)
 
         try:
-            work_off(crew, writer.left, submit, deliver)
+            work_off(crew, writer.left, submit, lambda _, future: writer.take(crew.result(future)))
         finally:
             writer.write()
     errors = [pq.ParquetFile(f).read(columns=["error"])["error"] for f in out.glob("results/part-*")]

@@ -19,7 +19,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from typing import IO, Any, TypeVar
@@ -34,6 +34,7 @@ TIMEOUT_S = 5.0
 AHEAD = 2
 _ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 _J = TypeVar("_J")
+_R = TypeVar("_R")
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,29 @@ class Crew:
         executor: Begins them.
         size: How many it works on at once; workers of a cluster may come and go.
         share: Makes a value that all jobs need an argument of them; it travels to each worker of a cluster once.
+        is_cluster: Whether they are other computers, which may be lost.
     """
 
     executor: Executor
     size: Callable[[], int]
-    share: Callable[[Any], Any]
+    share: Callable[[Any], Any] = lambda value: value
+    is_cluster: bool = False
+
+    def result(self, future: Future[_R]) -> _R:
+        """What came out of a job.
+
+        Raises:
+            SimulationError: The cluster has lost it. What the job itself raises is raised as it is.
+        """
+        try:
+            return future.result()
+        except (InputError, SimulationError):
+            raise
+        except Exception as error:  # whatever a cluster makes of it: a worker lost for the fourth time, itself gone
+            if not self.is_cluster:
+                raise
+            what = shortened(f"the cluster gave it back: {type(error).__name__}: {error}", 400)
+            raise SimulationError(f"{what}; run the same command to go on") from None
 
 
 def work_off(
@@ -78,9 +97,10 @@ def work_off(
         running = [future for future in flight if not future.cancel()]
         if flight:
             crew.executor.shutdown(wait=False)
-        for future in wait(running).done:
-            if future.exception() is None:
-                deliver(flight[future], future)
+        with ExitStack() as late:  # each of them, also where the first one raises
+            for future in wait(running).done:
+                if future.exception() is None:
+                    late.callback(deliver, flight[future], future)
 
 
 @contextmanager
@@ -97,7 +117,7 @@ def crew_of(here: Executor, count: int, scheduler: str | None) -> Iterator[Crew]
     """
     if scheduler is None:
         with here:
-            yield Crew(here, lambda: count, lambda value: value)
+            yield Crew(here, lambda: count)
         return
     with connected(scheduler) as client:
         known, asked = 1, -math.inf
@@ -111,7 +131,7 @@ def crew_of(here: Executor, count: int, scheduler: str | None) -> Iterator[Crew]
         def share(value: Any) -> Any:
             return client.submit(_same, value, pure=False)
 
-        yield Crew(client.get_executor(pure=False, retries=0), size, share)
+        yield Crew(client.get_executor(pure=False, retries=0), size, share, is_cluster=True)
 
 
 def _same(value: Any) -> Any:

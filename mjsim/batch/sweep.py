@@ -14,7 +14,15 @@ import numpy as np
 from pydantic import Field
 from scipy.special import ndtri
 
-from mjsim.batch.targets import Target, check_drive_value, sheet_targets, target_of, varied_machine, varied_test
+from mjsim.batch.targets import (
+    DRIVERS,
+    Target,
+    check_drive_value,
+    sheet_targets,
+    target_of,
+    varied_machine,
+    varied_test,
+)
 from mjsim.campaign.chain_file import chain_in
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -243,7 +251,8 @@ def _chosen(path: Path, tests: object, names: list[str]) -> list[str]:
 def _inputs(machine: Machine, machine_file: Path, tables: tuple[tuple[Path, dict], ...]) -> dict[str, str]:
     files = {"machine": machine_file}
     files |= {f"effect file of {e}": machine_file.parent / f for e, f in machine.effect_files.items()}
-    files |= {f'NC program of test "{t["name"]}"': file.parent / t["program"] for file, t in tables if "program" in t}
+    for driver, what in DRIVERS.items():
+        files |= {f'{what} of test "{t["name"]}"': file.parent / t[driver] for file, t in tables if driver in t}
     return {what: hashlib.sha256(file.read_bytes()).hexdigest() for what, file in files.items()}
 
 

@@ -6,7 +6,8 @@ import hashlib
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import mjsim
 from mjsim.batch.sweep import Job
 from mjsim.errors import InputError
 from mjsim.io.extras import need
-from mjsim.io.files import write_whole
+from mjsim.io.files import locked, write_whole
 from mjsim.io.resources import model_file
 
 need("batch", "batch", "pyarrow", "pandas")
@@ -77,6 +78,28 @@ def write_table(file: Path, table: pa.Table) -> None:
     buffer = io.BytesIO()
     pq.write_table(table, buffer, compression="zstd")
     write_whole(file, buffer.getvalue(), force=True)
+
+
+@contextmanager
+def held(folder: Path, command: str, *strays: str) -> Iterator[None]:
+    """A folder of results, held by one process at a time.
+
+    Args:
+        folder: Made when it is missing.
+        command: What writes there, for the message.
+        strays: Patterns of what a killed process may have left half-written; it is taken away.
+
+    Raises:
+        InputError: Another process holds it, or it cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = locked(folder, command)
+    try:
+        for file in (f for pattern in strays for f in folder.glob(pattern)):
+            file.unlink()
+        yield
+    finally:
+        lock.release()
 
 
 class Table:

@@ -42,6 +42,8 @@ TEST_VALUES = {
     "to_deg": ("°", "where the rotary axis ends"),
     **{f"table_ball_mm.{a}": ("mm", f"table ball, {a}") for a in "xyz"},
 }
+#: Keys of a test that name the file with its motion -> what that is.
+DRIVERS = {"program": "NC program", "driven_by": "record"}
 _ATTRIBUTES = {key: attribute for attribute, key in DRIVE_KEYS.items()}
 
 
@@ -195,11 +197,11 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float], 
     table = {k: v for k, v in table.items() if k != "trace"}
     for name, value in changes.items():
         key, _, coordinate = name.partition(".")
-        if "program" in table:
-            raise InputError(
-                f'{place}: {name} cannot be varied: test "{table["name"]}" is driven by the NC program '
-                f"{table['program']}"
-            )
+        for driver, what in DRIVERS.items():
+            if driver in table:
+                raise InputError(
+                    f'{place}: {name} cannot be varied: test "{table["name"]}" is driven by the {what} {table[driver]}'
+                )
         if coordinate:
             table[key] = [value if a == coordinate else x for a, x in zip("xyz", table[key], strict=True)]
         else:

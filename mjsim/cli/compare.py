@@ -222,7 +222,7 @@ def show_combinations(data: dict) -> None:
         )
 
 
-def show(data: dict) -> None:
+def show_bars(data: dict) -> None:
     """Tables of a comparison's JSON, of a ball bar or of an R-test."""
     sphere = list(data.get("nest", {}).items())
     if data["not_measured"]:
@@ -326,7 +326,7 @@ def show(data: dict) -> None:
             common.paragraph(f"limits: {source}")
 
 
-def show_logs(data: dict) -> None:
+def show_log_errors(data: dict) -> None:
     """Tables of a comparison's JSON."""
     rows = []
     for t in data["tests"]:
@@ -393,4 +393,4 @@ def symbol_of(axis: dict) -> str:
 
 
 #: What is printed of an instrument, where it is more than the errors of its channels.
-_SHOW = {**{n: show for n, i in INSTRUMENTS.items() if i.in_motion}, LogTest.instrument: show_logs}
+_SHOW = {**{n: show_bars for n, i in INSTRUMENTS.items() if i.in_motion}, LogTest.instrument: show_log_errors}

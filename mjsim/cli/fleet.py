@@ -69,7 +69,7 @@ def _show(result) -> None:
     words = {"nothing_found": "nothing found"}
     counts = Counter(words.get(c["verdict"], c["verdict"]) for c in done)
     common.paragraph("Verdicts: " + ", ".join(f"{name} {n}" for name, n in counts.most_common()) + ".")
-    named = Counter(effect for c in done for effect in {f["effect"] for f in c["findings"]})
+    named = Counter(effect for c in done for effect in dict.fromkeys(f["effect"] for f in c["findings"]))
     if named:
         click.echo()
         common.table(["found", "campaigns"], [[e, str(n)] for e, n in named.most_common(_MOST)])

@@ -238,8 +238,6 @@ def _ball(table: dict) -> list[float]:
 
 def show(result, campaign) -> None:
     """A plan as text: the verdict, the test as a table for campaign.toml, the runners-up, what to do next."""
-    import tomlkit
-
     from mjsim.instruments.base import table_of
 
     data, name = result.to_json(), result.best.test.name
@@ -254,7 +252,7 @@ def show(result, campaign) -> None:
     common.paragraph(data["reason"])
     speeds = ", ".join(f"{axis} {speed:.0f} {unit}" for axis, (speed, unit) in data["axis_speeds"].items())
     common.paragraph(f"Highest axis speeds: {speeds}.")
-    click.echo("\n[[test]]\n" + tomlkit.dumps(table_of(result.best.test)).rstrip() + "\n")
+    click.echo(f"\n{_toml(table_of(result.best.test))}\n")
     rows = [data, *data["runners_up"]]
     common.table(
         ["test", "difference µm", "separation σ", "time min"],
@@ -334,12 +332,10 @@ def _known(row: dict, most: int = 4) -> str:
 
 def _show_test(data: dict, campaign) -> None:
     """The table of a planned test, and what to do next."""
-    import tomlkit
-
     name, folder, at_rest = data["test"]["name"], campaign.folder, INSTRUMENTS[data["instrument"]].at_rest
     click.echo("\nNext:")
     click.echo(f"  1. Put this table into {folder}/campaign.toml:\n")
-    click.echo("[[test]]\n" + tomlkit.dumps(data["test"]).rstrip() + "\n")
+    click.echo(_toml(data["test"]) + "\n")
     if data["instrument"] not in campaign.instruments:
         common.paragraph(
             f"The campaign has no {_noun(data)} yet: call its tables [instrument.NAME], and add one with kind = "
@@ -408,13 +404,7 @@ def show_points(planned, campaign: str) -> None:
         f"{planned.noise * 1e6:g} µm for one centre, the location errors will be known so (95 %):"
     )
     common.table(["location error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
-    click.echo("\n[[test]]")
-    for key, value in data["test"].items():
-        if isinstance(value, list) and value and isinstance(value[0], list):
-            lines = [str(value[i : i + 8])[1:-1] for i in range(0, len(value), 8)]
-            click.echo(f"{key} = [\n  " + ",\n  ".join(lines) + ",\n]")
-        else:
-            click.echo(f"{key} = {value!r}".replace("'", '"'))
+    click.echo(f"\n{_toml(data['test'])}")
     name = data["test"]["name"]
     common.next_steps(
         f"Put the table above into {campaign}/campaign.toml"
@@ -428,8 +418,6 @@ def show_points(planned, campaign: str) -> None:
 
 def show_targets(planned, campaign: str) -> None:
     """Planned targets as text: what they bring, the table, what to do next."""
-    import tomlkit
-
     data = planned.to_json()
     common.paragraph(
         f"{data['targets']} targets, {data['test']['runs']} runs from each side. With a noise of {planned.noise:g} "
@@ -440,7 +428,7 @@ def show_targets(planned, campaign: str) -> None:
         unit = unit_of(row["parameter"])[1]
         rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
     common.table(["error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
-    click.echo("\n[[test]]\n" + tomlkit.dumps(data["test"]).rstrip())
+    click.echo(f"\n{_toml(data['test'])}")
     name = data["test"]["name"]
     common.next_steps(
         f"Put the table above into {campaign}/campaign.toml"
@@ -450,3 +438,17 @@ def show_targets(planned, campaign: str) -> None:
         f"mjsim import FILE --campaign {campaign} --points --test {name}",
         f"mjsim diagnose {campaign}",
     )
+
+
+def _toml(test: dict) -> str:
+    """The table of a test for campaign.toml; lists of points in lines of eight."""
+    import tomlkit
+
+    lines = ["[[test]]"]
+    for key, value in test.items():
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            rows = [str(value[i : i + 8])[1:-1] for i in range(0, len(value), 8)]
+            lines.append(f"{key} = [\n  " + ",\n  ".join(rows) + ",\n]")
+        else:
+            lines.append(tomlkit.dumps({key: value}).rstrip())
+    return "\n".join(lines)

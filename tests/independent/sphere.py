@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from . import campaign, layouts, machines, real_machines
+from . import machines, real_machines
 from .chains import CHAINS, Kinematics
 from .kinematics import DEG, MICRO
 
@@ -239,19 +239,3 @@ def tables(errors: dict) -> list[dict]:
             size, phase = float(np.hypot(c, s)) / MICRO, float(np.degrees(np.arctan2(s, c)))
             out.append({"id": f"{kind}_error_motion.{n}", "order": 2.0, key: size, "phase_deg": phase})
     return out
-
-
-def write_with_bar(folder: Path | str, seed: int, layout: str = "short", **how) -> dict:
-    """A campaign of both: the points of :func:`write`, and ball-bar tests of the same machine."""
-    errors = how.pop("errors", None) or draw(np.random.default_rng(seed))
-    folder = Path(folder)
-    write(folder, seed, errors, **how)
-    probed = tomlkit.parse((folder / "campaign.toml").read_text())
-    tests = tuple(layouts.layout(layout))
-    case = campaign.Case("both", "M1", tests, seed=seed, within=tuple(tables(errors)), tolerance_stated=True)
-    campaign.write_files(case, folder)
-    both = tomlkit.parse((folder / "campaign.toml").read_text()).unwrap()
-    both["instrument"] = {"bar": both["instrument"], "probe": probed.unwrap()["instrument"]}
-    both["test"] = [*both["test"], *probed.unwrap()["test"]]
-    (folder / "campaign.toml").write_text(tomlkit.dumps(both))
-    return errors
