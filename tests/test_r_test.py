@@ -31,18 +31,20 @@ from tests.independent import r_test
 BALL = [110.0, 20.0, 90.0]
 
 
-def moves(feed=4000.0):
-    """C and A, each there and back."""
-    place = {"kind": "r_test", "sphere_mm": BALL, "setup": "sphere", "feed_mm_min": feed}
-    ends = {
-        "c-ccw": ("C", 0.0, 300.0),
-        "c-cw": ("C", 300.0, 0.0),
-        "a-up": ("A", -60.0, 30.0),
-        "a-down": ("A", 30.0, -60.0),
-    }
+def moves():
+    """C and A there and back, and A slowly: what is late at any speed is not what is late by a time."""
+    place = {"kind": "r_test", "sphere_mm": BALL, "setup": "sphere"}
+    rows = (
+        ("c-ccw", "C", 0.0, 300.0, 4000.0),
+        ("c-cw", "C", 300.0, 0.0, 4000.0),
+        ("a-up", "A", -60.0, 30.0, 4000.0),
+        ("a-down", "A", 30.0, -60.0, 4000.0),
+        ("a-slow", "A", -60.0, 30.0, 1000.0),
+    )
     return [
-        {"name": n, "trace": f"traces/{n}.csv", **place, "axis": a, "from_deg": i, "to_deg": j, "started_s": 60.0 * k}
-        for k, (n, (a, i, j)) in enumerate(ends.items())
+        {"name": n, "trace": f"traces/{n}.csv", **place, "axis": a, "from_deg": i, "to_deg": j, "feed_mm_min": f}
+        | {"started_s": 60.0 * k}
+        for k, (n, a, i, j, f) in enumerate(rows)
     ]
 
 
@@ -107,7 +109,7 @@ def test_set_up_is_linear(readings):
     q = Program(one).path(phi)
     away = 50e-6 * np.column_stack([np.cos(phi), np.sin(2 * phi), np.cos(3 * phi)])
     columns = set_up_columns(one, sensitivity(one.chain, q, np.array(one.table_ball), "Y"), away)
-    moved = np.array(one.table_ball) + [1e-4, -2e-4, 3e-4]
+    moved = np.array(one.table_ball) + np.array([1e-4, -2e-4, 3e-4])
     want = reference(FIVE_AXIS, q, moved, 0.0, Geometry(), "Y")
     np.testing.assert_allclose(columns[:, :3] @ np.array([1e-4, -2e-4, 3e-4]) / SPHERE, want, atol=1e-12)
     turned = away @ rotation(0, 1e-4).T - away
@@ -188,7 +190,7 @@ def spoiled(sound, tmp_path):
 )
 def test_mistakes_are_named(spoiled, change, said):
     folder = spoiled(change)
-    found = json.loads(run(["check", str(folder), "--json"]))["mistakes"]
+    found = json.loads(run("check", str(folder), "--json"))["mistakes"]
     assert found and all(said in m["sentence"] for m in found), found
 
 
@@ -208,7 +210,7 @@ def test_wrong_tables_are_named(sound, tmp_path):
 
 def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
     program = tmp_path / "c.nc"
-    run(["nc", str(sound), "--test", "c-ccw", "-o", str(program), "--dialect", "siemens"])
+    run("nc", str(sound), "--test", "c-ccw", "-o", str(program), "--dialect", "siemens")
     q = read_nc(program, "siemens").motion.axes
     want = Program(mjsim.read_campaign(sound, traces=False).tests[0]).path(q[:, 4])
     np.testing.assert_allclose(q, want, atol=1e-6)
@@ -224,7 +226,7 @@ def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
         .replace("time_s,dx_um,dy_um,dz_um", "t [s];ΔX [µm];ΔY [µm];ΔZ [µm]")
     )
     (tmp_path / "other.csv").write_text(text.replace(",", ";"))
-    run(["import", str(tmp_path / "other.csv"), "--campaign", str(tmp_path), "--points", "--test", "c-ccw"])
+    run("import", str(tmp_path / "other.csv"), "--campaign", str(tmp_path), "--points", "--test", "c-ccw")
     a, b = (mjsim.read_campaign(f).traces["c-ccw.dy"] for f in (sound, tmp_path))
     np.testing.assert_allclose(a.deviation, b.deviation, atol=1e-12)
 
@@ -232,17 +234,15 @@ def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
 def test_a_plan_of_motions(sound):
     said = json.loads(
         run(
-            [
-                "plan",
-                "--new",
-                "--machine",
-                str(sound / "machine.toml"),
-                "--instrument",
-                "r_test",
-                "--minutes",
-                "15",
-                "--json",
-            ]
+            "plan",
+            "--new",
+            "--machine",
+            str(sound / "machine.toml"),
+            "--instrument",
+            "r_test",
+            "--minutes",
+            "15",
+            "--json",
         )
     )
     assert {t["kind"] for t in said["tests"]} == {"r_test"}
