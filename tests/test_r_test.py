@@ -35,11 +35,11 @@ def moves():
     """C and A there and back, and A slowly: what is late at any speed is not what is late by a time."""
     place = {"kind": "r_test", "sphere_mm": BALL, "setup": "sphere"}
     rows = (
-        ("c-ccw", "C", 0.0, 300.0, 4000.0),
-        ("c-cw", "C", 300.0, 0.0, 4000.0),
-        ("a-up", "A", -60.0, 30.0, 4000.0),
-        ("a-down", "A", 30.0, -60.0, 4000.0),
-        ("a-slow", "A", -60.0, 30.0, 1000.0),
+        ("c-ccw", "C", 0.0, 200.0, 4000.0),
+        ("c-cw", "C", 200.0, 0.0, 4000.0),
+        ("a-up", "A", -50.0, 30.0, 4000.0),
+        ("a-down", "A", 30.0, -50.0, 4000.0),
+        ("a-slow", "A", -50.0, 30.0, 1500.0),
     )
     return [
         {"name": n, "trace": f"traces/{n}.csv", **place, "axis": a, "from_deg": i, "to_deg": j, "feed_mm_min": f}
@@ -129,10 +129,10 @@ def test_multibody_shows_the_same(sound, readings):
 
 
 def test_the_independent_generator_sees_the_same(sound):
-    """A machine without a fault against its own model: friction apart, which has a tolerance, the noise is left."""
+    """A machine without a fault against its own model: little more than the noise is left; its drives have tolerances."""
     campaign, machine = read(sound)
     part = compare(campaign, machine, 1).parts[0]
-    assert {t.test.name: t.rms / UM < 0.5 for t in part.tests} == {t.name: True for t in campaign.tests}
+    assert {t.test.name: t.rms / UM < 0.8 for t in part.tests} == {t.name: True for t in campaign.tests}
     said = part.to_json()
     assert said["noise_um"] == pytest.approx(0.2, abs=0.05)
     assert set(said["nest"]) == {f"angle_{c}_mrad" for c in "xyz"} | {f"gain_{c}_percent" for c in "xyz"}
