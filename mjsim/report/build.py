@@ -227,7 +227,7 @@ def _both(figures: dict) -> BidirectionalFigures:
 
 
 def _circular(figures: dict | None) -> CircularFigures | None:
-    return CircularFigures(**_tuples(figures)) if figures and "range_um" not in figures else None
+    return CircularFigures(**_tuples(figures)) if figures else None
 
 
 def _tuples(figures: dict) -> dict[str, Any]:
