@@ -12,6 +12,9 @@ from commands import read
 
 import mjsim
 from mjsim.errors import InputError
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance import NEST_ANGLE, NEST_GAIN, SPHERE, set_up_columns
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
@@ -129,7 +132,7 @@ def test_multibody_shows_the_same(sound, readings):
 
 
 def test_the_independent_generator_sees_the_same(sound):
-    """A machine without a fault against its own model: little more than the noise is left; its drives have tolerances."""
+    """A machine without a fault against its own model: little is left beside the noise; its drives have tolerances."""
     campaign, machine = read(sound)
     part = compare(campaign, machine, 1).parts[0]
     assert {t.test.name: t.rms / UM < 0.8 for t in part.tests} == {t.name: True for t in campaign.tests}
@@ -256,3 +259,19 @@ def test_one_turn_twice_tells_the_noise(tmp_path):
     r_test.write(tmp_path, 3, tests=[twice], noise_um=0.4)
     part = compare(*read(tmp_path), 1).parts[0]
     assert "two revolutions" in part.noise_source and part.noise / UM == pytest.approx(0.4, rel=0.2)
+
+
+def test_beside_a_ball_bar(tmp_path):
+    """One problem with readings of both, each with its own noise; what both see is of one machine."""
+    circle = {"name": "circle", "kind": "circular", "plane": "XY", "direction": "CCW", "revolutions": 2}
+    circle |= {"table_ball_mm": [0.0, 0.0, 155.0], "bar_length_mm": 100.0, "feed_mm_min": 4000.0}
+    circle |= {"trace": "traces/circle.csv", "setup": "centre", "started_s": 400.0}
+    r_test.write_with_bar(tmp_path, 6, [circle], [{"id": "squareness.XY", "angle_urad": 60.0}], moves()[:2])
+    campaign, machine = read(tmp_path)
+    assert [p.instrument for p in compare(campaign, machine, 1).parts] == ["ball_bar", "r_test"]
+    problem = trusted_problem(campaign.in_motion, build(machine), 1)
+    noise = {name: n.rms / UM for name, n in problem.noises.items()}
+    assert noise["ball_bar"] == pytest.approx(0.12, rel=0.3) and noise["r_test"] == pytest.approx(0.2)
+    off = EffectVector(mjsim.make_effect("squareness.XY", angle_urad=1.0), ("angle_urad",))
+    fit = Fitter(problem, machine).fit([off], exact=False)
+    assert fit.effects[0].effect.values["angle_urad"] == pytest.approx(60.0, abs=2.0)
