@@ -12,6 +12,9 @@ from commands import read
 
 import mjsim
 from mjsim.errors import InputError
+from mjsim.estimation.effect_vector import EffectVector
+from mjsim.estimation.fit import Fitter
+from mjsim.estimation.mistakes.checked_problem import trusted_problem
 from mjsim.estimation.nuisance import NEST_ANGLE, NEST_GAIN, SPHERE, set_up_columns
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
@@ -31,18 +34,20 @@ from tests.independent import r_test
 BALL = [110.0, 20.0, 90.0]
 
 
-def moves(feed=4000.0):
-    """C and A, each there and back."""
-    place = {"kind": "r_test", "sphere_mm": BALL, "setup": "sphere", "feed_mm_min": feed}
-    ends = {
-        "c-ccw": ("C", 0.0, 300.0),
-        "c-cw": ("C", 300.0, 0.0),
-        "a-up": ("A", -60.0, 30.0),
-        "a-down": ("A", 30.0, -60.0),
-    }
+def moves():
+    """C and A there and back, and A slowly: what is late at any speed is not what is late by a time."""
+    place = {"kind": "r_test", "sphere_mm": BALL, "setup": "sphere"}
+    rows = (
+        ("c-ccw", "C", 0.0, 200.0, 4000.0),
+        ("c-cw", "C", 200.0, 0.0, 4000.0),
+        ("a-up", "A", -50.0, 30.0, 4000.0),
+        ("a-down", "A", 30.0, -50.0, 4000.0),
+        ("a-slow", "A", -50.0, 30.0, 1500.0),
+    )
     return [
-        {"name": n, "trace": f"traces/{n}.csv", **place, "axis": a, "from_deg": i, "to_deg": j, "started_s": 60.0 * k}
-        for k, (n, (a, i, j)) in enumerate(ends.items())
+        {"name": n, "trace": f"traces/{n}.csv", **place, "axis": a, "from_deg": i, "to_deg": j, "feed_mm_min": f}
+        | {"started_s": 60.0 * k}
+        for k, (n, a, i, j, f) in enumerate(rows)
     ]
 
 
@@ -107,7 +112,7 @@ def test_set_up_is_linear(readings):
     q = Program(one).path(phi)
     away = 50e-6 * np.column_stack([np.cos(phi), np.sin(2 * phi), np.cos(3 * phi)])
     columns = set_up_columns(one, sensitivity(one.chain, q, np.array(one.table_ball), "Y"), away)
-    moved = np.array(one.table_ball) + [1e-4, -2e-4, 3e-4]
+    moved = np.array(one.table_ball) + np.array([1e-4, -2e-4, 3e-4])
     want = reference(FIVE_AXIS, q, moved, 0.0, Geometry(), "Y")
     np.testing.assert_allclose(columns[:, :3] @ np.array([1e-4, -2e-4, 3e-4]) / SPHERE, want, atol=1e-12)
     turned = away @ rotation(0, 1e-4).T - away
@@ -127,10 +132,10 @@ def test_multibody_shows_the_same(sound, readings):
 
 
 def test_the_independent_generator_sees_the_same(sound):
-    """A machine without a fault against its own model: friction apart, which has a tolerance, the noise is left."""
+    """A machine without a fault against its own model: little is left beside the noise; its drives have tolerances."""
     campaign, machine = read(sound)
     part = compare(campaign, machine, 1).parts[0]
-    assert {t.test.name: t.rms / UM < 0.5 for t in part.tests} == {t.name: True for t in campaign.tests}
+    assert {t.test.name: t.rms / UM < 0.8 for t in part.tests} == {t.name: True for t in campaign.tests}
     said = part.to_json()
     assert said["noise_um"] == pytest.approx(0.2, abs=0.05)
     assert set(said["nest"]) == {f"angle_{c}_mrad" for c in "xyz"} | {f"gain_{c}_percent" for c in "xyz"}
@@ -188,7 +193,7 @@ def spoiled(sound, tmp_path):
 )
 def test_mistakes_are_named(spoiled, change, said):
     folder = spoiled(change)
-    found = json.loads(run(["check", str(folder), "--json"]))["mistakes"]
+    found = json.loads(run("check", str(folder), "--json"))["mistakes"]
     assert found and all(said in m["sentence"] for m in found), found
 
 
@@ -208,7 +213,7 @@ def test_wrong_tables_are_named(sound, tmp_path):
 
 def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
     program = tmp_path / "c.nc"
-    run(["nc", str(sound), "--test", "c-ccw", "-o", str(program), "--dialect", "siemens"])
+    run("nc", str(sound), "--test", "c-ccw", "-o", str(program), "--dialect", "siemens")
     q = read_nc(program, "siemens").motion.axes
     want = Program(mjsim.read_campaign(sound, traces=False).tests[0]).path(q[:, 4])
     np.testing.assert_allclose(q, want, atol=1e-6)
@@ -224,7 +229,7 @@ def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
         .replace("time_s,dx_um,dy_um,dz_um", "t [s];ΔX [µm];ΔY [µm];ΔZ [µm]")
     )
     (tmp_path / "other.csv").write_text(text.replace(",", ";"))
-    run(["import", str(tmp_path / "other.csv"), "--campaign", str(tmp_path), "--points", "--test", "c-ccw"])
+    run("import", str(tmp_path / "other.csv"), "--campaign", str(tmp_path), "--points", "--test", "c-ccw")
     a, b = (mjsim.read_campaign(f).traces["c-ccw.dy"] for f in (sound, tmp_path))
     np.testing.assert_allclose(a.deviation, b.deviation, atol=1e-12)
 
@@ -232,17 +237,15 @@ def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
 def test_a_plan_of_motions(sound):
     said = json.loads(
         run(
-            [
-                "plan",
-                "--new",
-                "--machine",
-                str(sound / "machine.toml"),
-                "--instrument",
-                "r_test",
-                "--minutes",
-                "15",
-                "--json",
-            ]
+            "plan",
+            "--new",
+            "--machine",
+            str(sound / "machine.toml"),
+            "--instrument",
+            "r_test",
+            "--minutes",
+            "15",
+            "--json",
         )
     )
     assert {t["kind"] for t in said["tests"]} == {"r_test"}
@@ -256,3 +259,19 @@ def test_one_turn_twice_tells_the_noise(tmp_path):
     r_test.write(tmp_path, 3, tests=[twice], noise_um=0.4)
     part = compare(*read(tmp_path), 1).parts[0]
     assert "two revolutions" in part.noise_source and part.noise / UM == pytest.approx(0.4, rel=0.2)
+
+
+def test_beside_a_ball_bar(tmp_path):
+    """One problem with readings of both, each with its own noise; what both see is of one machine."""
+    circle = {"name": "circle", "kind": "circular", "plane": "XY", "direction": "CCW", "revolutions": 2}
+    circle |= {"table_ball_mm": [0.0, 0.0, 155.0], "bar_length_mm": 100.0, "feed_mm_min": 4000.0}
+    circle |= {"trace": "traces/circle.csv", "setup": "centre", "started_s": 400.0}
+    r_test.write_with_bar(tmp_path, 6, [circle], [{"id": "squareness.XY", "angle_urad": 60.0}], moves()[:2])
+    campaign, machine = read(tmp_path)
+    assert [p.instrument for p in compare(campaign, machine, 1).parts] == ["ball_bar", "r_test"]
+    problem = trusted_problem(campaign.in_motion, build(machine), 1)
+    noise = {name: n.rms / UM for name, n in problem.noises.items()}
+    assert noise["ball_bar"] == pytest.approx(0.12, rel=0.3) and noise["r_test"] == pytest.approx(0.2)
+    off = EffectVector(mjsim.make_effect("squareness.XY", angle_urad=1.0), ("angle_urad",))
+    fit = Fitter(problem, machine).fit([off], exact=False)
+    assert fit.effects[0].effect.values["angle_urad"] == pytest.approx(60.0, abs=2.0)

@@ -139,7 +139,7 @@ class Stage:
         mujoco.mj_camlight(self.model, self.data)
         table = self.data.site("table_ball").xpos.copy()
         spindle = self.data.site("spindle_ball").xpos.copy()
-        along = (spindle - table) / np.linalg.norm(spindle - table)
+        along = self.test.pointing(table, spindle)
         return Balls(table, spindle, table + along * (self.test.length + stretch))
 
     def to_carrier(self, point: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ class Stage:
             camera.lookat[:] = self.data.site("table_ball").xpos
             # 1.5 bars either side of the table ball; from the front, high enough to look under the spindle nose and
             # onto the table
-            camera.distance = 1.45 * self.test.length / np.tan(np.radians(17.0))
+            camera.distance = 1.45 * self.test.shown_over / np.tan(np.radians(17.0))
             camera.azimuth, camera.elevation = 65.0, -38.0
             return camera
         number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA.value, name)

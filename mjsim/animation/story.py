@@ -133,12 +133,12 @@ def tell(
         traces, error = _simulated(simulation)
     largest = float(np.nanmax(np.abs(error.value)))
     if magnify is None:
-        magnify = max(1.0, step_below(FILL * test.length / max(largest, 1e-12)))
-    elif not (math.isfinite(magnify) and magnify >= 1.0 and magnify * largest <= 0.9 * test.length):
+        magnify = max(1.0, step_below(FILL * test.shown_over / max(largest, 1e-12)))
+    elif not (math.isfinite(magnify) and magnify >= 1.0 and magnify * largest <= 0.9 * test.shown_over):
+        shown = "the bar" if test.length else "the picture"
         raise InputError(
-            f"magnification {magnify:g}: the error is up to {largest / UM:.2f} µm and the bar "
-            f"{test.length * 1e3:g} mm; "
-            f"allowed: 1 to {0.9 * test.length / max(largest, 1e-12):.0f}"
+            f"magnification {magnify:g}: the error is up to {largest / UM:.2f} µm and {shown} "
+            f"{test.shown_over * 1e3:g} mm; allowed: 1 to {0.9 * test.shown_over / max(largest, 1e-12):.0f}"
         )
     return Story(campaign.name, machine, test, simulation, traces, error, measured, magnify)
 

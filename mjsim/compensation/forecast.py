@@ -16,9 +16,11 @@ from mjsim.campaign.model import Campaign
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.tables import Corrections
 from mjsim.estimation.at_rest import taken_by
+from mjsim.estimation.nuisance import set_up_columns
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.r_test.measurement import USUAL_NOISE
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.machine.sensitivity import sensitivity
@@ -104,21 +106,26 @@ def forecast(
         changed = changed.with_drive(axis, position_gain=gain)
     repaired = build(changed)
 
-    def one(test: BallBarTest) -> TestForecast:
+    def one(test: BallBarTest) -> tuple[TestForecast, np.ndarray]:
         program = Program(test)
         time = time_grid(program)
         commands = program.commands(time)
         low, high = program.measured_span
         span = slice(int(np.ceil(low / STEP)), int(high / STEP) + 1, _EVERY)
         base = _columns(plant, test, commands[span])
-        before = _about_set_up(_reading(plant, test, time, commands)[span], base)
-        after = _about_set_up(_reading(repaired, test, time, corrected(commands, corrections, how, STEP))[span], base)
-        perfect = _about_set_up(_reading(ideal, test, time, commands)[span], base)
+        before = _reading(plant, test, time, commands)[span]
+        after = _reading(repaired, test, time, corrected(commands, corrections, how, STEP))[span]
+        perfect = _reading(ideal, test, time, commands)[span]
         done()
-        return TestForecast(test, program.phi(time[span]), before, after, perfect)
+        return TestForecast(test, program.phi(time[span]), before, after, perfect), base
 
     with ThreadPoolExecutor(max(1, min(threads, len(tests)))) as pool:
-        return Forecast(tuple(pool.map(one, tests)))
+        found = list(pool.map(one, tests))
+    for setup in dict.fromkeys(t.setup for t in tests if t.component):
+        mine = [i for i, t in enumerate(tests) if t.component and t.setup == setup]
+        for i, about in zip(mine, _about_sphere([found[i] for i in mine]), strict=True):
+            found[i] = about, found[i][1]
+    return Forecast(tuple(t if t.test.component else _about_balls(t, base) for t, base in found))
 
 
 def forecast_at_rest(
@@ -158,13 +165,30 @@ def _reading(plant: Plant, test: BallBarTest, time: np.ndarray, commands: np.nda
 
 
 def _columns(plant: Plant, test: BallBarTest, q: np.ndarray) -> np.ndarray:
-    """What the bar's length, or a sensor's zero, and the offsets of both balls add to the reading, (n, 7)."""
+    """What set-up and instrument add to the reading: the bar's length and the offsets of both balls, (n, 7); or of an
+    R-test the places of sphere and nest, (n, 6), in standard deviations of their priors.
+    """
     s = sensitivity(plant.chain, q, np.asarray(test.table_ball), test.component)
+    if test.component:
+        return set_up_columns(test, s, np.zeros((len(q), 3)))[:, :6]
     return np.column_stack([np.ones(len(q)), s.table, s.spindle])
 
 
-def _about_set_up(deviation: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    return deviation - columns @ np.linalg.lstsq(columns, deviation, rcond=1e-8)[0]
+def _about_balls(t: TestForecast, columns: np.ndarray) -> TestForecast:
+    """A ball-bar test without what its own balls and bar can make."""
+    rows = (x - columns @ np.linalg.lstsq(columns, x, rcond=1e-8)[0] for x in (t.before, t.after, t.perfect))
+    return TestForecast(t.test, t.phi, *rows)
+
+
+def _about_sphere(found: list[tuple[TestForecast, np.ndarray]]) -> list[TestForecast]:
+    """Readings of one set-up of an R-test without what the places of sphere and nest can make of all of them."""
+    columns, ends = np.vstack([c for _, c in found]), np.cumsum([len(c) for _, c in found])[:-1]
+    parts = []
+    for name in ("before", "after", "perfect"):
+        whole = np.concatenate([getattr(t, name) for t, _ in found])
+        left = whole - columns @ taken_by(columns, whole, np.full(len(whole), USUAL_NOISE))
+        parts.append(np.split(left, ends))
+    return [TestForecast(t.test, t.phi, *rows) for (t, _), *rows in zip(found, *parts, strict=True)]
 
 
 def _rms(x: np.ndarray) -> float:

@@ -26,7 +26,7 @@ from mjsim.estimation.considered import CHOICE, INSTRUMENT
 from mjsim.estimation.data_sheet import DATA_SHEET
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
-from mjsim.estimation.nuisance import BAR_LENGTH
+from mjsim.estimation.nuisance import BAR_LENGTH, NEST
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.whitening import Whitening
 from mjsim.machine.chain import is_rotary
@@ -132,7 +132,7 @@ def budgets(
     fit: Fit,
     split: Split,
     stated: Mapping[str, Calibrated] = MappingProxyType({}),
-    instruments: tuple[str, ...] = (BAR_LENGTH,),
+    instruments: tuple[str, ...] = (BAR_LENGTH, NEST),
 ) -> tuple[Budget, ...]:
     """The budget of every number of the effects of a finished fit.
 

@@ -217,15 +217,14 @@ class Problem:
         """Derivatives of every test's reading by its nuisances but for the trigger, on the GRID, (n, k) m per prior
         standard deviation.
         """
-
-        def one(k: int) -> np.ndarray:
-            test, trace, shown = self.tests[k], self.campaign.traces[self.tests[k].name], None
-            if test.component:
-                time = GRID * np.arange(len(self.sensitivity[k].table))
-                shown = np.column_stack([np.interp(time, trace.time, x) for x in trace.vector.T])
-            return set_up_columns(test, self.sensitivity[k], shown)
-
-        return self.map(one)
+        out = []
+        for test, sensitivity in zip(self.tests, self.sensitivity, strict=True):  # a worker may ask for it
+            trace, time = self.campaign.traces[test.name], GRID * np.arange(len(sensitivity.table))
+            shown = (
+                np.column_stack([np.interp(time, trace.time, x) for x in trace.vector.T]) if test.component else None
+            )
+            out.append(set_up_columns(test, sensitivity, shown))
+        return out
 
     def offsets(self, k: int, nuisance: np.ndarray) -> np.ndarray:
         """What set-up and instrument add to test ``k``'s reading, on the GRID, m."""

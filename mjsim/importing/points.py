@@ -139,7 +139,7 @@ def import_points(
     if made.trace is None:
         text = _with_test(text, name, trace, sphere_mm, known is None, "instrument" in data)
         c = campaign_from(file, tomlkit.parse(text).unwrap(), traces=False)
-        made = next(t for t in c.tests if t.name == name)
+        made = next(t for t in c.tests if name in (t.name, getattr(t, "recording", t.name)))
     instrument = INSTRUMENTS[made.instrument]
     target = file.parent / trace
     table = read_any(source, options)

@@ -242,7 +242,10 @@ def _comment_lines(
     test, o: Options, d: Dialect, feed: str, decimals: int, phi, motion: Commanded, machine: str
 ) -> list[str]:
     x, y, z = (f"{v / MM:g}" for v in test.table_ball)
-    kind = kind_of(test).words(test).translate(_PLAIN).encode("ascii", "replace").decode()
+    words = kind_of(test).words(test)
+    if test.component:  # one program for all coordinates
+        words = words.rpartition(", ")[0]
+    kind = words.translate(_PLAIN).encode("ascii", "replace").decode()
     senses = ", ".join(f"{a} {_sense(test.chain, a, o)}" for a in test.chain.rotary)
     axes, table = test.chain.letters, " and ".join(test.chain.round_axes)
     said = {

@@ -85,7 +85,9 @@ def simulation_summary(results: list[Simulation]) -> list[dict]:
 def conditions(test) -> str:
     """One line that says how a test was run."""
     x, y, z = (v / MM for v in test.table_ball)
-    where = f"table ball ({x:g}, {y:g}, {z:g}) mm, L = {test.length / MM:g} mm, F = {test.feed * 60 / MM:g} mm/min"
+    ball = "sphere" if test.component else "table ball"
+    bar = "" if test.component else f"L = {test.length / MM:g} mm, "
+    where = f"{ball} ({x:g}, {y:g}, {z:g}) mm, {bar}F = {test.feed * 60 / MM:g} mm/min"
     return f"{kind_of(test).words(test)}; {where}"
 
 

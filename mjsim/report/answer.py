@@ -161,10 +161,9 @@ def _next(following: dict | None) -> str:
 
 
 def short_test(table: dict) -> str:
-    """A test's table as in campaign.toml, in a few words: kind, plane or axis, place of the table ball, feed."""
-    kind = table["kind"].partition("_")[0]
+    """A test's table as in campaign.toml, in a few words: kind, plane or axis, place of the ball, feed."""
+    kind = "R-test" if "sphere_mm" in table else table["kind"].partition("_")[0]
+    ball = table["sphere_mm"] if "sphere_mm" in table else table["table_ball_mm"]
     words = [" ".join(str(x) for x in (kind, table.get("plane"), table.get("axis")) if x)]
-    words += [
-        f"{axis} {value:g} mm" for axis, value in zip(COORDINATES[:2], table["table_ball_mm"][:2], strict=True) if value
-    ]
+    words += [f"{axis} {value:g} mm" for axis, value in zip(COORDINATES[:2], ball[:2], strict=True) if value]
     return ", ".join([*words, f"{table['feed_mm_min']:g} mm/min"])

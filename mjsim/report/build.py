@@ -196,7 +196,7 @@ def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | 
         "noise_um": _um(before.noise),
         "noise_source": before.noise_source,
         "setups": setups,
-        "length_offset_um": round(after.length / UM, 2),
+        "length_offset_um": round(after.length / UM, 2) if any(not t.test.component for t in after.tests) else None,
         "acceptance": before.acceptance,
         "bidirectional": [
             BidirectionalRow((b["ccw"], b["cw"]), _both(b["measured"]), _both(b["simulated"]), _both(a["simulated"]))

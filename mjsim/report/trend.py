@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 
 from mjsim.effects import registry
-from mjsim.instruments.ball_bar.files import test_table
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import table_of
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -152,7 +152,7 @@ def _um(x: float) -> float:
 
 
 def _conditions(t: BallBarTest) -> dict:
-    return {k: v for k, v in test_table(t).items() if k not in ("setup", "revolutions")}
+    return {k: v for k, v in table_of(t).items() if k not in ("setup", "revolutions")}
 
 
 def _shared(befores: Sequence[BarComparison]) -> list[str]:
@@ -180,6 +180,10 @@ def figure_series(befores: Sequence[BarComparison]) -> list[Series]:
                     spread,
                 )
             )
+        ranges = [next(t.ranges for t in b.tests if t.test.name == name) for b in befores]
+        if all(ranges):
+            values = [r["measured"]["range_um"] for r in ranges]
+            out.append(series_of(f"range {name}", "µm", "figure", values, spread))
     pairs = [{(p["ccw"], p["cw"]): p["measured"]["circular_error_um"] for p in b.bidirectional} for b in befores]
     for pair in pairs[0]:
         if set(pair) <= set(shared) and all(pair in p for p in pairs):

@@ -141,11 +141,11 @@ class Posed:
         """Place and point looked at, (3,) m each, of the usual views, with the axes at ``position`` (axes,)."""
         table, spindle = self.balls(position)
         bar, (middle, size) = (table + spindle) / 2, self.machine.middle_and_size
-        out = {"close-up": (bar + _CLOSE * self.test.length, bar)}
+        out = {"close-up": (bar + _CLOSE * self.test.shown_over, bar)}
         for name, (direction, distance) in _VIEWS.items():
             away = np.array(direction, float)
             out[name] = (middle + distance * size * away / np.linalg.norm(away), middle)
-        out["bar"] = (bar + 0.45 * _CLOSE * self.test.length, bar)
+        out["bar"] = (bar + 0.45 * _CLOSE * self.test.shown_over, bar)
         return out
 
     def path(self, trace: Trace, time: np.ndarray, position: np.ndarray, factor: float) -> dict[str, np.ndarray]:
@@ -176,7 +176,7 @@ class Posed:
         carrier = self.model.body(self.carrier).id
         for row, q in enumerate(position):
             table, spindle = self.balls(q)
-            direction = (spindle - table) / np.linalg.norm(spindle - table)
+            direction = self.test.pointing(table, spindle)
             turn = self.data.xmat[carrier].reshape(3, 3)
             base[row] = (table + direction * self.test.length - self.data.xpos[carrier]) @ turn
             along[row] = direction @ turn

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from mjsim.campaign.model import Campaign
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.files import check_writable, write_all
 from mjsim.machine.model import Machine
@@ -18,7 +17,7 @@ from mjsim.workflow.ball_bar.tables import tables_of_bars
 from mjsim.workflow.compare import compare
 
 #: What is written of an instrument, where it is more than of any instrument.
-_TABLES = {BallBarTest.instrument: tables_of_bars, LogTest.instrument: tables_of_logs}
+_TABLES = {**{n: tables_of_bars for n, i in INSTRUMENTS.items() if i.in_motion}, LogTest.instrument: tables_of_logs}
 
 
 def export(

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from . import drives, machines, measurement, real_machines, simulate
+from . import campaign, drives, machines, measurement, real_machines, simulate
 from .kinematics import DEG, MICRO, axis_command, spindle_ball, table_ball
 from .programs import Program
 
@@ -151,3 +151,24 @@ def write(
     (folder / "machine.toml").write_text(tomlkit.dumps(model))
     head = {"name": "R-tests", "instrument": {"kind": "r_test"}, "test": tests}
     (folder / "campaign.toml").write_text(tomlkit.dumps(head))
+
+
+def write_with_bar(folder: Path | str, seed: int, bars: list[dict], hidden: list[dict], tests: list[dict]) -> None:
+    """A campaign of one machine with R-tests as :func:`write` makes them, and ball-bar tests.
+
+    Args:
+        folder: Made where it is not there.
+        seed: Of everything that is drawn.
+        bars: ``[[test]]`` tables of the ball bar.
+        hidden: Effects that the user's model lacks, tables as in machine.toml.
+        tests: ``[[test]]`` tables of the R-tests.
+    """
+    folder = Path(folder)
+    write(folder, seed, hidden, tests)
+    nest = tomlkit.parse((folder / "campaign.toml").read_text()).unwrap()
+    case = campaign.Case("both", "M1", tuple(bars), tuple(hidden), seed=seed, tolerance_stated=True)
+    campaign.write_files(case, folder)
+    both = tomlkit.parse((folder / "campaign.toml").read_text()).unwrap()
+    both["instrument"] = {"bar": both["instrument"], "nest": nest["instrument"]}
+    both["test"] = [*both["test"], *nest["test"]]
+    (folder / "campaign.toml").write_text(tomlkit.dumps(both))

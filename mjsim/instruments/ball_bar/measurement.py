@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from mjsim.instruments.ball_bar.commanded import Commanded
-from mjsim.machine.chain import FIVE_AXIS, Chain
+from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
 
 #: RMS of one sample of an ordinary ball bar, m (assumed).
 USUAL_NOISE = 0.12e-6
@@ -55,6 +55,22 @@ class BallBarTest:
     chain: Chain = FIVE_AXIS
     more: Mapping[str, float | int | str] = field(default_factory=dict, hash=False)
     component: str = ""
+
+    @property
+    def shown_over(self) -> float:
+        """Length of what a picture shows, m: the bar, or the surroundings of a sphere (assumed)."""
+        return self.length or 0.1
+
+    def pointing(self, table: np.ndarray, spindle: np.ndarray) -> np.ndarray:
+        """Direction in which a growing reading is drawn, (3,): along the bar, or along a sensor.
+
+        Args:
+            table: Centre of the table's ball, (3,) m.
+            spindle: Centre of the spindle's ball, (3,) m.
+        """
+        if self.component:
+            return np.array([float(c == self.component) for c in COORDINATES])
+        return (spindle - table) / np.linalg.norm(spindle - table)
 
     @property
     def recording(self) -> str:

@@ -89,7 +89,7 @@ class MachinePanel:
             with self.bar:
                 length = model.test.length
                 self.rod = ui.scene.cylinder(0.0028, 0.0028, 1.0, 12).material("#ff6b0d")
-                self.rod.rotate(np.pi / 2, 0, 0).scale(1, length, 1)
+                self.rod.rotate(np.pi / 2, 0, 0).scale(1, length or 1.0, 1).visible(length > 0.0)
             self.error = ui.scene.cylinder(0.0045, 0.0045, 1.0, 12).material("#d91a40")
         self._paths: dict[str, ui.scene.point_cloud] = {}
         self.view("close-up", 0.0)
@@ -149,7 +149,7 @@ class MachinePanel:
         trace = overlay.traces[name]
         if fresh:
             largest = max(float(np.nanmax(np.abs(v))) for v in trace.centred if v is not None)
-            room = _FILL * self.model.test.length / max(largest, 1e-9)
+            room = _FILL * self.model.test.shown_over / max(largest, 1e-9)
             self.factor = style.nice_step(room) if style.nice_step(room) <= room else style.nice_step(room / 2.5)
             self.magnify.value = self.factor
             self.time = float(trace.time[0])
@@ -187,7 +187,7 @@ class MachinePanel:
                 else:
                     group.move(*place.tolist())
         table, spindle = self.model.balls(position)
-        along = (spindle - table) / np.linalg.norm(spindle - table)
+        along = self.model.test.pointing(table, spindle)
         turn = turn_to(along).tolist()
         length, stretch = self.model.test.length, self._stretch()
         self.bar.move(*(table + 0.5 * length * along).tolist())

@@ -44,7 +44,7 @@ class ComparedBarTest(ComparedTest):
 
     ``simulated`` has the nuisances applied. ``rms``, ``maximum`` (m) are of the residual; ``worst_phi`` (rad) is where
     the model fails most and ``worst_event`` the axis event there. ``iso`` holds ISO 230-4 figures (µm) of measured and
-    simulated; of a coordinate of an R-test its range about the sphere's place (ISO 10791-6).
+    simulated, ``ranges`` those of a coordinate of an R-test about the sphere's place (ISO 10791-6).
     """
 
     test: BallBarTest
@@ -64,6 +64,7 @@ class ComparedBarTest(ComparedTest):
     time: np.ndarray = field(default_factory=lambda: np.empty(0))
     saturated: int = 0
     noise: float = 0.0
+    ranges: dict = field(default_factory=dict)
 
     @property
     def channels(self) -> tuple[ComparedChannel, ...]:
@@ -86,8 +87,8 @@ class ComparedBarTest(ComparedTest):
             "worst_plot_angle_deg": _r(self.worst_phi / DEG % 360, 1),
             "worst_event": self.worst_event,
             "trigger_ms": _r(self.trigger * 1e3, 2),
-            "iso230_4": {} if self.test.component else self.iso,
-        } | ({"iso10791_6": self.iso} if self.test.component else {})
+            "iso230_4": self.iso,
+        } | ({"iso10791_6": self.ranges} if self.ranges else {})
 
 
 @dataclass(frozen=True)
@@ -223,13 +224,12 @@ def overlay(
                 event_at(float(phi[worst]), events),
                 events,
                 problem.shift(k, nuisance),
-                _ranges(s.value - set_up, modelled - set_up, good)
-                if s.test.component
-                else _iso(s.test, phi[good], s.value[good], modelled[good]),
+                _iso(s.test, phi[good], s.value[good], modelled[good]),
                 problem.outliers[s.test.name],
                 s.time,
                 problem.campaign.traces[s.test.name].saturated,
                 problem.noise_of(k).rms,
+                _ranges(s.value - set_up, modelled - set_up, good) if s.test.component else {},
             )
         )
         squares += float(residual[good] @ residual[good])

@@ -74,7 +74,8 @@ def figure_rows(result: BarComparison, names: Collection[str]) -> list[list[str]
         for what in ("measured", "simulated")
         for short in (*_ISO.values(), "centre_1_um", "centre_2_um")
     ]
-    rows = [[*head, *both]]
+    sphere = any(t.ranges for t in result.tests)
+    rows = [[*head, *both, *(("measured_range_um", "simulated_range_um") if sphere else ())]]
     for t in result.tests:
         if t.test.name not in names:
             continue
@@ -95,9 +96,10 @@ def figure_rows(result: BarComparison, names: Collection[str]) -> list[list[str]
             f"{t.maximum / UM:.4f}",
             f"{result.noise / UM:.4f}",
         ]
-        rows.append(
-            [*how, *rest, f"{t.trigger * 1e3:.3f}", *(c for what in ("measured", "simulated") for c in _iso(t, what))]
-        )
+        rest.append(f"{t.trigger * 1e3:.3f}")
+        rows.append([*how, *rest, *(c for what in ("measured", "simulated") for c in _iso(t, what))])
+        if sphere:
+            rows[-1] += [f"{t.ranges[what]['range_um']:.4f}" for what in ("measured", "simulated")]
     return rows
 
 
