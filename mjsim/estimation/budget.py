@@ -22,10 +22,11 @@ import numpy as np
 from mjsim.digits import fixed
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.estimation.conformity import beyond
-from mjsim.estimation.considered import CHOICE, INSTRUMENT
+from mjsim.estimation.considered import CHOICE, INSTRUMENT, TEMPERATURE
 from mjsim.estimation.data_sheet import DATA_SHEET
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.hypotheses import name_of
 from mjsim.estimation.nuisance import BAR_LENGTH
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.whitening import Whitening
@@ -38,6 +39,7 @@ REMEDIES = {
     "set_up": "tests with the same set-up that move the axes otherwise (`mjsim plan`), or a set-up that is measured",
     "instrument": "an instrument whose certificate states less",
     "data_sheet": "numbers of the drives from axis logs (`mjsim identify`)",
+    "temperature": "temperature sensors with less noise that are read more often",
     "other_errors": "tests that tell the machine's errors apart (`mjsim plan`)",
     "not_understood": "finding the cause of what repeats and is in no model",
     "choice_of_model": "a test that decides between the causes (`mjsim plan`)",
@@ -49,6 +51,7 @@ NAMES = {
     "set_up": "set-up",
     "instrument": "instrument",
     "data_sheet": "data sheet",
+    "temperature": "temperature",
     "other_errors": "other errors of the machine",
     "not_understood": "what is not understood",
     "choice_of_model": "choice of the model",
@@ -164,10 +167,12 @@ def budgets(
                 rows[row] = _explained(covariance, moved, np.setdiff1d(entries, own).astype(int))
             # what is considered is in no block, and independent of all of them
             rows["instrument"] += _variance(gradient, fit.considered.get(INSTRUMENT))
+            if TEMPERATURE in fit.considered:
+                rows["temperature"] = _variance(gradient, fit.considered[TEMPERATURE])
             rows["choice_of_model"] = _variance(gradient, fit.considered.get(CHOICE))
             sizes = {row: float(np.sqrt(max(rows[row], 0.0))) for row in REMEDIES if row in rows}
             total = float(np.sqrt(max(gradient @ fit.covariance @ gradient, 0.0)))
-            known = Budget(f.effect.id, number, unit, float(value), total, sizes)
+            known = Budget(name_of(f.effect), number, unit, float(value), total, sizes)
             entries = np.flatnonzero(slope)
             out.append(_judged(known, f, entries, fit.covariance_of(f)[np.ix_(entries, entries)], stated))
     return tuple(out)

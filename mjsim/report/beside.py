@@ -189,6 +189,8 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
             for i, (order, size, _) in enumerate(value):
                 own = wave_ends(ends, i, 1)
                 rows.append([f"amplitude of order {order:g}, N·m", estimate(size, own), interval(own)])
+        elif isinstance(value, str):
+            rows.append([name, value, "–"])
         else:
             rows.append([name, estimate(value, ends), interval(ends)])
     if "rms_before_deg" in row:
@@ -196,7 +198,7 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
     else:
         size = f"{row['rms_before_um']:.2f} → {row['rms_after_um']:.2f} µm"
     return (
-        {"id": row["id"], "alternatives": row["alternative_ids"], "tests": row["tests"]}
+        {"id": e.effect.key, "alternatives": row["alternative_ids"], "tests": row["tests"]}
         | {"change": size}
         | {"together": e.together.sentence if e.together else None}
         | {"title": e.effect.title, "remedy": e.effect.remedy.on(e.effect.subject).text, "rows": rows}

@@ -9,7 +9,6 @@ from typing import Any
 
 from mjsim.digits import estimate, wave_ends
 from mjsim.effects import registry
-from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.machine.parameter import Parameter
