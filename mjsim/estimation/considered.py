@@ -1,10 +1,10 @@
 """Errors that every number carries beside those of the fit: of the instrument, of recorded temperatures, and of the
 choice of the model.
 
-What instrument or temperatures may be off is ``D c`` in the whitened readings, with c normal of variance 1. A fit with c
-among its unknowns has the covariance ``C + C Jᵀ D S⁻¹ Dᵀ J C``, where ``S = 1 + Dᵀ D - Dᵀ J C Jᵀ D`` is what prior and
-data know of c. The covariance grows by that. The estimate is that of an instrument without errors: an error that would
-move it much shows as a misfit.
+What instrument or temperatures may be off is ``D c`` in the whitened readings, with c normal of variance 1. A fit
+with c among its unknowns has the covariance ``C + C Jᵀ D S⁻¹ Dᵀ J C``, where ``S = 1 + Dᵀ D - Dᵀ J C Jᵀ D`` is what
+prior and data know of c. The covariance grows by that. The estimate is that of an instrument without errors: an error
+that would move it much shows as a misfit.
 
 A recorded temperature is a line between means, and each of these has an error of its own. It moves every axis that
 follows the sensor.
