@@ -233,7 +233,7 @@ class RestProblem:
         out = []
         for t in self.campaign.measured:
             stood = standing(plant, self.stops[t.name], t.name)
-            out.append(INSTRUMENTS[t.instrument].reading(t, stood, plant.geometry).ravel())
+            out.append(INSTRUMENTS[t.instrument].reading_at(t, stood, plant.geometry, self.stops[t.name]).ravel())
         return np.concatenate(out)
 
     def columns_of(self, machine: Machine, f: EffectVector, base: np.ndarray) -> np.ndarray:
