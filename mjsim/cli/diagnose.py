@@ -263,7 +263,7 @@ def show_budget(rows: list[dict], campaign) -> None:
 
     click.echo()
     if not rows:
-        common.paragraph("There is no uncertainty budget: no number of a ball bar or of points at rest was fitted.")
+        common.paragraph("There is no uncertainty budget: no number was fitted.")
         return
     common.paragraph(
         "Uncertainty budget: every number with its expanded uncertainty (k = 2), and its standard uncertainty by "

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -75,6 +75,7 @@ class Budget:
         expected: What the machine file says of it.
         limit: How far from that a machine of its class may be; ``None`` where no tolerance is stated.
         beyond: Probability that it is farther.
+        remedies: What makes each row smaller.
     """
 
     effect_id: str
@@ -86,6 +87,7 @@ class Budget:
     expected: float = 0.0
     limit: float | None = None
     beyond: float | None = None
+    remedies: Mapping[str, str] = field(default_factory=lambda: REMEDIES, repr=False)
 
     @property
     def decision(self) -> str:
@@ -104,7 +106,7 @@ class Budget:
         """What most of it comes from, and what would make it smaller."""
         decimals = 1 - int(f"{self.standard or 1.0:.1e}".partition("e")[2])
         size = f"{fixed(self.rows[self.largest], decimals)} of {fixed(self.standard, decimals)} {self.unit}".rstrip()
-        return f"most of it from {NAMES[self.largest]} ({size}); made smaller by {REMEDIES[self.largest]}"
+        return f"most of it from {NAMES[self.largest]} ({size}); made smaller by {self.remedies[self.largest]}"
 
     def to_json(self) -> dict:
         """As one of ``budget`` in the JSON of ``mjsim diagnose``."""
@@ -117,7 +119,7 @@ class Budget:
             "expanded_uncertainty": 2.0 * self.standard,
             "parts": dict(self.rows),
             "largest": self.largest,
-            "remedy": REMEDIES[self.largest],
+            "remedy": self.remedies[self.largest],
             "sentence": self.sentence,
             "expected": self.expected,
             "limit": self.limit,
@@ -164,7 +166,7 @@ def budgets(
             moved = covariance @ gradient
             rows = split(fit.design @ fit.linear.solve(gradient))
             for row, entries in blocks.items():
-                rows[row] = _explained(covariance, moved, np.setdiff1d(entries, own).astype(int))
+                rows[row] = explained_by(covariance, moved, np.setdiff1d(entries, own).astype(int))
             # what is considered is in no block, and independent of all of them
             rows["instrument"] += _variance(gradient, fit.considered.get(INSTRUMENT))
             if TEMPERATURE in fit.considered:
@@ -196,7 +198,7 @@ def _judged(
     return replace(known, expected=expected, limit=limit * scale, beyond=far)
 
 
-def _explained(covariance: np.ndarray, moved: np.ndarray, at: np.ndarray) -> float:
+def explained_by(covariance: np.ndarray, moved: np.ndarray, at: np.ndarray) -> float:
     """Variance of a number that goes if the entries ``at`` are known exactly; ``moved`` is its covariance with all."""
     if not len(at):
         return 0.0

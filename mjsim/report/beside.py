@@ -172,6 +172,7 @@ def diagnosed_section(result: LogDiagnosis, said: Sequence[str]) -> dict:
         "effects": [_finding(e, row) for e, row in zip(result.effects, data["effects"], strict=True)],
         "unexplained": data["unexplained"]["summary"] if data["unexplained"] else None,
         "ladders": _ladders(result),
+        "budget": [_budget_row(b) for b in result.budget],
         "sheet": [_sheet_row(row) for row in data["data_sheet"]],
         "not_separable": [
             f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}."

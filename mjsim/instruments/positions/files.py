@@ -166,9 +166,8 @@ def _ends(place: str, t: PositionTable, chain: Chain) -> tuple[tuple[str, float,
             raise InputError(f"{place}: {key} names {said}; allowed of a diagonal: each of {', '.join(letters)}")
     for letter in letters:
         if t.from_mm[letter] == t.to_mm[letter]:
-            raise InputError(
-                f"{place}: {letter} is at {t.from_mm[letter]:g} mm at both ends; allowed: axes that move, others in at_mm"
-            )
+            at = f"{letter} is at {t.from_mm[letter]:g} mm at both ends"
+            raise InputError(f"{place}: {at}; allowed: axes that move, others in at_mm")
     return tuple((a, t.from_mm[a] * MM, t.to_mm[a] * MM) for a in letters)
 
 
