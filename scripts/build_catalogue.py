@@ -25,6 +25,7 @@ from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import Machine
+from mjsim.machine.temperatures import Temperatures
 from mjsim.plots import style
 from mjsim.plots.polar import FILL, PolarTrace, draw_polar, scale_text
 from mjsim.plots.save import save
@@ -52,6 +53,7 @@ PANELS = {
     "squareness": [("XY", "circle"), ("ZX", "cone")],
     "straightness": [("EYX", "circle"), ("EXY", "cone")],
     "thermal_drift": [("X", "circle"), ("X", "cone")],
+    "thermal_expansion": [("X", "circle"), ("X", "cone")],
     "tilt_error_motion": [("C", "cone"), ("C", "wide cone")],
     "torque_ripple": [("X", "circle"), ("A", "cone")],
     "velocity_feedforward": [("X", "circle"), ("C", "cone")],
@@ -71,9 +73,12 @@ SHAPES = {
     "tilt_error_motion": {"order": 2.0},
     "torque_ripple": {"order": 1.0, "phase_deg": 0.0},
     "thermal_drift": {"time_constant_s": 180.0},
+    "thermal_expansion": {"sensor": "spindle"},
     "vibration": {"frequency_Hz": 3.0},
     "worm_wear": {"centre_deg": 20.0, "width_deg": 2.0},
 }
+#: A sensor that gets warmer by 1 K in a minute.
+WARMING = Temperatures(np.array([0.0, 600.0]), ("spindle",), np.array([[20.0], [30.0]]))
 INTRODUCTION = textwrap.dedent("""\
     # Effect catalogue
 
@@ -87,7 +92,8 @@ INTRODUCTION = textwrap.dedent("""\
     simulation with the effect minus a simulation without it, in the multibody model. The size of the
     effect is the *typical size* of the table. Both machines have the friction of the template of `mjsim
     new campaign`. The eccentricity is taken out, as ISO 230-4 does. The angle is φ, with 0° on X. The
-    scale below a plot says how many micrometres one division is. The tests are:
+    scale below a plot says how many micrometres one division is. A temperature sensor gets warmer by 1 K
+    in a minute. The tests are:
 
     | test | what it is |
     |---|---|
@@ -161,7 +167,7 @@ def parameter_rows(cls: type[Effect]) -> list[str]:
     for p, subjects in rows.items():
         name = f"`{p.name}`" + ("" if len(subjects) == len(cls.subjects_of(FIVE_AXIS)) else f" ({', '.join(subjects)})")
         neutral = "empty list" if p.kind == "components" else "–" if p.neutral is None else number(p.neutral)
-        size = "–" if p.kind == "choice" else number(p.scale)
+        size = "–" if p.kind in ("choice", "sensor") else number(p.scale)
         out.append(f"| {name} | {p.unit or '–'} | {neutral} | {size} | {allowed(p)} | {p.meaning} |")
     return out
 
@@ -170,6 +176,8 @@ def allowed(p: Parameter) -> str:
     """The values that a parameter may have."""
     if p.kind == "choice":
         return " or ".join(p.choices)
+    if p.kind == "sensor":
+        return "a sensor"
     return "list" if p.kind == "components" else f"{number(p.lower)} to {number(p.upper)}"
 
 
@@ -263,7 +271,7 @@ def main() -> None:
             file.read_text(encoding="utf-8").replace('sense = "iso"', 'sense = "opposite"'), encoding="utf-8"
         )
         campaign = read_campaign(folder)
-        machine, known = read_machine(campaign.machine_file), tests(campaign)
+        machine, known = replace(read_machine(campaign.machine_file), temperatures=WARMING), tests(campaign)
         for cls in (c for c in shipped().values() if not c.for_logs):
             picture(cls, machine, known)
             print(f"{cls.kind}.svg: {(IMAGES / f'{cls.kind}.svg').stat().st_size / 1e3:.0f} kB")

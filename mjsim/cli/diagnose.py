@@ -335,9 +335,9 @@ def remedy_text(effect_id: str) -> str:
 
 
 def _key(e: dict) -> str:
-    """Key of an effect of the JSON: its id, and its direction where it has one."""
-    direction = e["parameters"].get("direction")
-    return f"{e['id']}[{direction}]" if direction else e["id"]
+    """Key of an effect of the JSON: its id, and its direction or sensor where it has one."""
+    one_of_many = e["parameters"].get("direction") or e["parameters"].get("sensor")
+    return f"{e['id']}[{one_of_many}]" if one_of_many else e["id"]
 
 
 def _show_smaller(effects: list[dict], shares: dict[str, float]) -> None:
@@ -372,7 +372,7 @@ def show_budget(rows: list[dict], campaign) -> None:
 
     click.echo()
     if not rows:
-        common.paragraph("There is no uncertainty budget: no number of a ball bar or of points at rest was fitted.")
+        common.paragraph("There is no uncertainty budget: no number was fitted.")
         return
     common.paragraph(
         "Uncertainty budget: every number with its expanded uncertainty (k = 2), and its standard uncertainty by "

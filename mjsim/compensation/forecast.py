@@ -151,7 +151,7 @@ def forecast_at_rest(
         columns = (set_up.columns * set_up.spread).reshape(-1, len(set_up.names))
         moved = replace(stops, route=corrected(stops.route, corrections, how, STEP))
         rows = [
-            instrument.reading(test, standing(p, s, test.name), p.geometry).ravel()
+            instrument.reading_at(test, standing(p, s, test.name), p.geometry, stops).ravel()
             for p, s in ((plant, stops), (plant, moved), (ideal, stops))
         ]
         rows = [r - columns @ taken_by(columns, r, noise) for r in rows]

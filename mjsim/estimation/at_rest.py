@@ -26,6 +26,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.estimation.budget import Budget, Split, budgets, split_rows
 from mjsim.estimation.calibration import expected_effects
+from mjsim.estimation.considered import TEMPERATURE, consider, following
 from mjsim.estimation.data_sheet import data_sheet
 from mjsim.estimation.design import Design
 from mjsim.estimation.discrepancy import USUAL, Discrepancy, Products, Sizes
@@ -46,6 +47,7 @@ from mjsim.estimation.unexplained import Unexplained
 from mjsim.estimation.whitening import Whitening
 from mjsim.instruments.base import INSTRUMENTS, Stops
 from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
 from mjsim.progress import Progress, silent
 from mjsim.simulation.standing import standing
 from mjsim.units import DEG
@@ -224,11 +226,14 @@ class RestProblem:
 
     def readings(self, machine: Machine) -> np.ndarray:
         """What an ideal instrument shows of a machine, (m,) SI."""
-        plant = build(machine)
+        return self.readings_of(build(machine))
+
+    def readings_of(self, plant: Plant) -> np.ndarray:
+        """What an ideal instrument shows of a machine's numbers, (m,) SI."""
         out = []
         for t in self.campaign.measured:
             stood = standing(plant, self.stops[t.name], t.name)
-            out.append(INSTRUMENTS[t.instrument].reading(t, stood, plant.geometry).ravel())
+            out.append(INSTRUMENTS[t.instrument].reading_at(t, stood, plant.geometry, self.stops[t.name]).ravel())
         return np.concatenate(out)
 
     def columns_of(self, machine: Machine, f: EffectVector, base: np.ndarray) -> np.ndarray:
@@ -244,6 +249,30 @@ class RestProblem:
             effect, change = f.nudged(j, _STEP)
             out.append((self.readings(machine.with_effect(effect)) - base) / change)
         return np.column_stack(out)
+
+    @property
+    def clock(self) -> np.ndarray:
+        """Campaign clock of every value, (m,) s."""
+        out = []
+        for t in self.campaign.measured:
+            s = self.stops[t.name]
+            out.append(np.repeat(s.clock[s.at[:, 0]], len(INSTRUMENTS[t.instrument].channels(t))))
+        return np.concatenate(out)
+
+    def temperatures(self, fit: Fit) -> np.ndarray | None:
+        """What errors of the temperatures make of the values, whitened, one standard deviation a column, (count, k);
+        ``None`` where a model follows no sensor.
+        """
+        sensors, t = following(fit), fit.machine.temperatures
+        if t is None or not sensors:
+            return None
+        columns, base, always = [], self.readings(fit.machine), np.array([0.0, 1.0])
+        for sensor, moved in sensors.items():
+            plant, u = build(fit.machine), t.uncertainty(sensor)
+            for axis, size in moved:
+                plant.follow("thermal_expansion", axis, u * size, always, np.ones(2))
+            columns.append((self.readings_of(plant) - base)[:, None] * t.weights(sensor, self.clock))
+        return self.whiten_further(self.in_noise(np.hstack(columns)))
 
     def shows(self, machine: Machine, f: EffectVector) -> bool:
         """Whether an effect changes anything in the values."""
@@ -548,6 +577,10 @@ class RestReader(Reader[RestProblem]):
 
     def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
         return None, self.search.misfit(self.model), fit
+
+    def _with_instrument(self, fit: Fit) -> Fit:
+        errors = self.model.problem.temperatures(fit)
+        return fit if errors is None else consider(fit, TEMPERATURE, errors)
 
     def _budget(self, fit: Fit) -> tuple[Budget, ...]:
         problem = self.model.problem

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -22,10 +22,11 @@ import numpy as np
 from mjsim.digits import fixed
 from mjsim.estimation.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.estimation.conformity import beyond
-from mjsim.estimation.considered import CHOICE, INSTRUMENT
+from mjsim.estimation.considered import CHOICE, INSTRUMENT, TEMPERATURE
 from mjsim.estimation.data_sheet import DATA_SHEET
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit
+from mjsim.estimation.hypotheses import name_of
 from mjsim.estimation.nuisance import BAR_LENGTH, NEST
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.whitening import Whitening
@@ -38,6 +39,7 @@ REMEDIES = {
     "set_up": "tests with the same set-up that move the axes otherwise (`mjsim plan`), or a set-up that is measured",
     "instrument": "an instrument whose certificate states less",
     "data_sheet": "numbers of the drives from axis logs (`mjsim identify`)",
+    "temperature": "temperature sensors with less noise that are read more often",
     "other_errors": "tests that tell the machine's errors apart (`mjsim plan`)",
     "not_understood": "finding the cause of what repeats and is in no model",
     "choice_of_model": "a test that decides between the causes (`mjsim plan`)",
@@ -49,6 +51,7 @@ NAMES = {
     "set_up": "set-up",
     "instrument": "instrument",
     "data_sheet": "data sheet",
+    "temperature": "temperature",
     "other_errors": "other errors of the machine",
     "not_understood": "what is not understood",
     "choice_of_model": "choice of the model",
@@ -72,6 +75,7 @@ class Budget:
         expected: What the machine file says of it.
         limit: How far from that a machine of its class may be; ``None`` where no tolerance is stated.
         beyond: Probability that it is farther.
+        remedies: What makes each row smaller.
     """
 
     effect_id: str
@@ -83,6 +87,7 @@ class Budget:
     expected: float = 0.0
     limit: float | None = None
     beyond: float | None = None
+    remedies: Mapping[str, str] = field(default_factory=lambda: REMEDIES, repr=False)
 
     @property
     def decision(self) -> str:
@@ -101,7 +106,7 @@ class Budget:
         """What most of it comes from, and what would make it smaller."""
         decimals = 1 - int(f"{self.standard or 1.0:.1e}".partition("e")[2])
         size = f"{fixed(self.rows[self.largest], decimals)} of {fixed(self.standard, decimals)} {self.unit}".rstrip()
-        return f"most of it from {NAMES[self.largest]} ({size}); made smaller by {REMEDIES[self.largest]}"
+        return f"most of it from {NAMES[self.largest]} ({size}); made smaller by {self.remedies[self.largest]}"
 
     def to_json(self) -> dict:
         """As one of ``budget`` in the JSON of ``mjsim diagnose``."""
@@ -114,7 +119,7 @@ class Budget:
             "expanded_uncertainty": 2.0 * self.standard,
             "parts": dict(self.rows),
             "largest": self.largest,
-            "remedy": REMEDIES[self.largest],
+            "remedy": self.remedies[self.largest],
             "sentence": self.sentence,
             "expected": self.expected,
             "limit": self.limit,
@@ -161,13 +166,15 @@ def budgets(
             moved = covariance @ gradient
             rows = split(fit.design @ fit.linear.solve(gradient))
             for row, entries in blocks.items():
-                rows[row] = _explained(covariance, moved, np.setdiff1d(entries, own).astype(int))
+                rows[row] = explained_by(covariance, moved, np.setdiff1d(entries, own).astype(int))
             # what is considered is in no block, and independent of all of them
             rows["instrument"] += _variance(gradient, fit.considered.get(INSTRUMENT))
+            if TEMPERATURE in fit.considered:
+                rows["temperature"] = _variance(gradient, fit.considered[TEMPERATURE])
             rows["choice_of_model"] = _variance(gradient, fit.considered.get(CHOICE))
             sizes = {row: float(np.sqrt(max(rows[row], 0.0))) for row in REMEDIES if row in rows}
             total = float(np.sqrt(max(gradient @ fit.covariance @ gradient, 0.0)))
-            known = Budget(f.effect.id, number, unit, float(value), total, sizes)
+            known = Budget(name_of(f.effect), number, unit, float(value), total, sizes)
             entries = np.flatnonzero(slope)
             out.append(_judged(known, f, entries, fit.covariance_of(f)[np.ix_(entries, entries)], stated))
     return tuple(out)
@@ -191,7 +198,7 @@ def _judged(
     return replace(known, expected=expected, limit=limit * scale, beyond=far)
 
 
-def _explained(covariance: np.ndarray, moved: np.ndarray, at: np.ndarray) -> float:
+def explained_by(covariance: np.ndarray, moved: np.ndarray, at: np.ndarray) -> float:
     """Variance of a number that goes if the entries ``at`` are known exactly; ``moved`` is its covariance with all."""
     if not len(at):
         return 0.0

@@ -1,9 +1,13 @@
-"""Errors that every number carries beside those of the fit: of the instrument, and of the choice of the model.
+"""Errors that every number carries beside those of the fit: of the instrument, of recorded temperatures, and of the
+choice of the model.
 
-What the instrument may be off is ``D c`` in the whitened readings, with c normal of variance 1. A fit with c among its
-unknowns has the covariance ``C + C Jᵀ D S⁻¹ Dᵀ J C``, where ``S = 1 + Dᵀ D - Dᵀ J C Jᵀ D`` is what prior and data know
-of c. The covariance grows by that. The estimate is that of a bar without errors: an error that would move it much shows
-as a misfit.
+What instrument or temperatures may be off is ``D c`` in the whitened readings, with c normal of variance 1. A fit
+with c among its unknowns has the covariance ``C + C Jᵀ D S⁻¹ Dᵀ J C``, where ``S = 1 + Dᵀ D - Dᵀ J C Jᵀ D`` is what
+prior and data know of c. The covariance grows by that. The estimate is that of an instrument without errors: an error
+that would move it much shows as a misfit.
+
+A recorded temperature is a line between means, and each of these has an error of its own. It moves every axis that
+follows the sensor.
 
 Models with something else in the place of a finding have other values of all other numbers. Their spread, weighted with
 their probabilities, is added as that of a mixture.
@@ -24,7 +28,7 @@ from mjsim.estimation.problem import Problem
 from mjsim.estimation.samples import GRID
 
 #: Names of what is considered.
-INSTRUMENT, CHOICE = "instrument", "choice of the model"
+INSTRUMENT, TEMPERATURE, CHOICE = "instrument", "temperature", "choice of the model"
 #: Pieces of a test over which the hysteresis of a bar stays the same: it has no law that the readings could teach
 #: (assumed: eight in a revolution).
 _PIECES = 16
@@ -82,23 +86,71 @@ def errors_of_bar(problem: Problem, fit: Fit) -> Design:
         columns = [0.25 * bars[k].form * s.sample(column, shift) for column in forms.T]
         return np.column_stack([0.5 * bars[k].gain_uncertainty * s.mean, *columns])
 
-    count = _PIECES * len(problem.tests)
-    blocks = [(_PIECES * k + np.arange(_PIECES), own) for k, own in enumerate(problem.map(by_piece))]
+    return _of_tests(problem, problem.map(by_piece), problem.whiten(problem.map(of_all)))
+
+
+def _of_tests(problem: Problem, own: Sequence[np.ndarray], shared: np.ndarray | None = None) -> Design:
+    """Errors of ball-bar tests: those of each test, whitened by its noise (m, k), and whitened ones of all."""
+    ends = np.cumsum([0, *(o.shape[1] for o in own)])
+    blocks = [(np.arange(a, b), o) for a, b, o in zip(ends[:-1], ends[1:], own, strict=True)]
+    count = int(ends[-1])
     if problem.whitening is not None and problem.whitening.shared:
         dense = problem.whitening.of_all(Design(blocks, count) @ np.eye(count))
         blocks = [(np.arange(count), dense[rows]) for rows in problem.rows]
-    return Design(blocks, count, problem.whiten(problem.map(of_all)))
+    return Design(blocks, count, shared)
+
+
+def following(fit: Fit) -> dict[str, list[tuple[str, float]]]:
+    """Axes of a model that follow each sensor, with their sizes in m/K."""
+    out: dict[str, list[tuple[str, float]]] = {}
+    for e in fit.machine.effects:
+        if e.follows_sensor(e.subject) and not e.is_neutral:
+            size = next(e.si(p.name) for p in e.parameters_of(e.subject) if p.leading)
+            out.setdefault(e.values["sensor"], []).append((e.subject, size))
+    return out
+
+
+def temperatures_of_bar(problem: Problem, fit: Fit) -> Design | None:
+    """What errors of the temperatures make of ball-bar tests, whitened, one standard deviation a column; ``None`` where
+    the model follows no sensor.
+    """
+    sensors, t = following(fit), fit.machine.temperatures
+    if t is None or not sensors:
+        return None
+
+    def one(k: int) -> np.ndarray:
+        s, axes, chain = problem.samples[k], problem.sensitivity[k].axes, problem.chain
+        clock, shift = problem.tests[k].started + GRID * np.arange(len(axes)), problem.shift(k, fit.nuisance)
+        columns = []
+        for sensor, moved in sensors.items():
+            way = sum(size * axes[:, chain.index(axis)] for axis, size in moved)
+            columns += [s.sample(way * w, shift) for w in t.uncertainty(sensor) * t.weights(sensor, clock).T]
+        return problem.whiten_test(k, np.column_stack(columns))
+
+    return _of_tests(problem, problem.map(one))
 
 
 def with_instrument(problem: Problem, fit: Fit) -> Fit:
-    """A finished fit, whitened by these data, whose covariance has the instrument's errors."""
-    errors = errors_of_bar(problem, fit)
+    """A finished fit, whitened by these data, whose covariance has the errors of the ball bar and the temperatures."""
+    fit = consider(fit, INSTRUMENT, errors_of_bar(problem, fit))
+    temperatures = temperatures_of_bar(problem, fit)
+    return fit if temperatures is None else consider(fit, TEMPERATURE, temperatures)
+
+
+def consider(fit: Fit, name: str, errors: Design | np.ndarray) -> Fit:
+    """A finished fit whose covariance has further errors.
+
+    Args:
+        fit: Whitened as the errors are.
+        name: Of what they are from.
+        errors: One standard deviation a column, (count, k).
+    """
     cross = fit.design.T @ errors
     moves = fit.linear.solve(cross)
     known = (errors.T @ errors - cross.T @ moves) / fit.linear.weight
     values, vectors = np.linalg.eigh(0.5 * (known + known.T))
     columns = moves @ (vectors / np.sqrt(1.0 + np.maximum(values, 0.0)))  # rounding may leave less than nothing
-    return replace(fit, considered={**fit.considered, INSTRUMENT: columns})
+    return replace(fit, considered={**fit.considered, name: columns})
 
 
 class Alternative(Protocol):

@@ -31,7 +31,7 @@ from mjsim.estimation.curve_shape import simplest_shape
 from mjsim.estimation.curve_terms import CurveTerm, CurveTerms
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.fit import Fit, Fitter
-from mjsim.estimation.hypotheses import entries_of, log_odds_of
+from mjsim.estimation.hypotheses import entries_of, log_odds_of, name_of
 from mjsim.estimation.outcome import Found as FoundEffect
 from mjsim.estimation.outcome import Selection, verdict_of
 from mjsim.estimation.problem import Problem
@@ -146,7 +146,7 @@ class ClassSizes:
         out = []
         for f in fit.effects:
             key, large = f.effect.key, size[f.effect.key]
-            told = names_to_tell(rivals_of.get(key, []), evidence, f.effect.id)
+            told = names_to_tell(rivals_of.get(key, []), evidence, name_of(f.effect))
             columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
             mine = 1.0 - sum(p for p, _ in told.values())
             entry = FoundEffect(key, float(columns @ columns), {i: m.fit for i, (_, m) in told.items()})

@@ -73,9 +73,9 @@ class Hypothesis:
 
     @property
     def id(self) -> str:
-        """Id of the effect, or what a curve is called."""
+        """What it is called where it may stand in the place of another: by its effect, or what a curve is called."""
         mine = self.free or self.candidate
-        return mine.effect.id if mine else self.name
+        return name_of(mine.effect) if mine else self.name
 
     @property
     def is_wave(self) -> bool:
@@ -96,6 +96,11 @@ class Judged(NamedTuple):
     evidence: float
     odds: np.ndarray
     width: np.ndarray
+
+
+def name_of(effect: Effect) -> str:
+    """What a cause is called where others may stand in its place: its id, with the sensor that it follows."""
+    return effect.key if effect.follows_sensor(effect.subject) else effect.id
 
 
 def prior_log_odds(effect: Effect, tried: int) -> float:

@@ -355,6 +355,20 @@ class Instrument(ABC, Generic[T, R]):
         """
         raise NotImplementedError
 
+    def reading_at(self, test: T, position: np.ndarray, geometry: Geometry, stops: Stops) -> np.ndarray:
+        """What an ideal instrument shows while the machine stands.
+
+        Args:
+            test: What is run.
+            position: As of :meth:`reading`.
+            geometry: Location errors and squareness of the machine.
+            stops: Where the machine was told to stand.
+
+        Returns:
+            (n, channels) SI.
+        """
+        return self.reading(test, position, geometry)
+
     def nuisances(self, test: T, time: np.ndarray) -> Nuisances:
         """What the set-up does to the reading; an unknown zero of every channel where nothing else is said."""
         channels = self.channels(test)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Samples inside such a time are averaged, s: no part of a machine warms up faster (assumed).
-MEAN = 60.0
+MEAN = 20.0
 #: What a sensor may be called: its name stands in the key of an effect.
 SENSOR = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}")
 SENSOR_NAMES = "the name of a sensor, up to 40 letters, digits, blanks, _, - and . that begin with a letter or digit"
@@ -39,6 +39,30 @@ class Temperatures:
         time = np.add.reduceat(self.time, first) / count
         value = np.add.reduceat(self.value[:, self.names.index(sensor)], first) / count
         return time, value - np.interp(0.0, time, value)
+
+    def uncertainty(self, sensor: str) -> float:
+        """Standard uncertainty of a mean of a sensor, K: how far it is off the line between its neighbours, where the
+        errors of all three are independent. So what happens between two samples is in it as well.
+        """
+        _, value = self.rise(sensor)
+        bend = np.diff(value, 2)
+        return float(np.sqrt(np.mean(bend**2) / 6.0)) if len(bend) else 0.0
+
+    def weights(self, sensor: str, clock: np.ndarray) -> np.ndarray:
+        """How the temperature of a sensor at some times depends on its means.
+
+        Args:
+            sensor: Its name.
+            clock: (n,) s on the campaign clock.
+
+        Returns:
+            (n, k): one column for each mean that counts.
+        """
+        time, _ = self.rise(sensor)
+        first = max(int(np.searchsorted(time, clock.min(), "right")) - 1, 0)
+        last = min(int(np.searchsorted(time, clock.max(), "left")) + 1, len(time))
+        unit = np.eye(len(time))[first:last]
+        return np.column_stack([np.interp(clock, time, row) for row in unit])
 
     def rise_at(self, sensor: str, clock: np.ndarray) -> np.ndarray:
         """Temperature less that at the clock's zero, of a sensor at some times.

@@ -67,9 +67,12 @@ def _place(subject: str) -> str:
 
 def _named(effect_id: str) -> str:
     """An effect of which no size is known, such as ``a command delay of C``."""
-    kind, _, subject = effect_id.partition("[")[0].partition(".")
+    name, _, one_of_many = effect_id.removesuffix("]").partition("[")
+    kind, _, subject = name.partition(".")
     known = kinds().get(kind)
     name = noun(known) if known else kind.replace("_", " ")
+    if known is not None and known.follows_sensor(subject):
+        subject += f" by the sensor {one_of_many}"
     if name.endswith("gain"):
         name = f"wrong {name}"
     if name.endswith(_WITHOUT_ARTICLE):
@@ -92,6 +95,8 @@ def sized(effect: Effect, former: Effect | None = None, intervals: Mapping[str, 
     """
     name = noun(effect)
     direction = f" while it turns {effect.values['direction']}" if "direction" in effect.values else ""
+    if effect.follows_sensor(effect.subject):
+        direction = f" by the sensor {effect.values['sensor']}"
     leading = [p for p in effect.parameters_of(effect.subject) if p.leading]
     if not leading:
         return name + direction

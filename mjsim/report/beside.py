@@ -172,6 +172,7 @@ def diagnosed_section(result: LogDiagnosis, said: Sequence[str]) -> dict:
         "effects": [_finding(e, row) for e, row in zip(result.effects, data["effects"], strict=True)],
         "unexplained": data["unexplained"]["summary"] if data["unexplained"] else None,
         "ladders": _ladders(result),
+        "budget": [_budget_row(b) for b in result.budget],
         "sheet": [_sheet_row(row) for row in data["data_sheet"]],
         "not_separable": [
             f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}."
@@ -189,6 +190,8 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
             for i, (order, size, _) in enumerate(value):
                 own = wave_ends(ends, i, 1)
                 rows.append([f"amplitude of order {order:g}, N·m", estimate(size, own), interval(own)])
+        elif isinstance(value, str):
+            rows.append([name, value, "–"])
         else:
             rows.append([name, estimate(value, ends), interval(ends)])
     if "rms_before_deg" in row:
@@ -196,7 +199,7 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
     else:
         size = f"{row['rms_before_um']:.2f} → {row['rms_after_um']:.2f} µm"
     return (
-        {"id": row["id"], "alternatives": row["alternative_ids"], "tests": row["tests"]}
+        {"id": e.effect.key, "alternatives": row["alternative_ids"], "tests": row["tests"]}
         | {"change": size}
         | {"together": e.together.sentence if e.together else None}
         | {"title": e.effect.title, "remedy": e.effect.remedy.on(e.effect.subject).text, "rows": rows}

@@ -55,7 +55,11 @@ _DPI = 120
 KINDS = {"adjust": "adjust", "compensate": "compensate", "maintain": "maintain", "share": "share only"}
 
 
-def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = MappingProxyType({})) -> str:
+def render(
+    content: ReportContent,
+    beside: Mapping[str, tuple[dict, list]] = MappingProxyType({}),
+    warming: tuple[str | None, Sequence[str]] = (None, ()),
+) -> str:
     """The page as HTML text.
 
     All texts are escaped; the same content gives the same page.
@@ -64,6 +68,7 @@ def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = Map
         content: What the page says.
         beside: What other instruments of the campaign add, by JSON key: plain data, and pictures, (name, data URI) by
             test.
+        warming: Picture of the temperatures, as data URI, and what is to be said of them.
 
     Raises:
         ValueError: an unknown verdict, or traces that cannot be drawn (see :mod:`mjsim.plots`).
@@ -72,10 +77,11 @@ def render(content: ReportContent, beside: Mapping[str, tuple[dict, list]] = Map
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
     return page(
         "report.html",
-        data_of(content, beside),
+        data_of(content, beside) | {"temperature": list(warming[1])},
         content.traces,
         ("common.js", "plot.js", "report.js"),
         beside=list(beside.values()),
+        temperature_image=warming[0],
         last=len(content.models) - 1,
         verdict=VERDICTS.get(content.verdict or ""),
         removed=_removed(content),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import date
 
 from mjsim.campaign.model import Campaign
+from mjsim.campaign.temperature import in_campaign, remarks_on
 from mjsim.errors import InputError
 from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -16,6 +17,7 @@ from mjsim.io.extras import need
 from mjsim.io.files import finite
 from mjsim.machine import model
 from mjsim.machine.model import Machine
+from mjsim.plots.temperatures import temperature_figure
 from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
@@ -109,6 +111,7 @@ def _single(
     settings: DiagnosisSettings,
 ) -> Report:
     campaign.need_traces("a report needs at least one measured test")
+    machine = in_campaign(machine, campaign)
     bars = bool(campaign.in_motion.measured)
     if parts and not bars:
         raise InputError(f"{campaign.folder / 'campaign.toml'}: the error of a part follows from ball-bar tests only")
@@ -138,12 +141,17 @@ def _single(
             sections[part.instrument] = (compared_section(part), images_of(part))
     progress("writing the page", 0, 1)
     ordered = {INSTRUMENTS[n].beside: sections[n] for n in INSTRUMENTS if n in sections}
+    warming = {} if campaign.temperatures is None else {"temperature": remarks_on(campaign)}
+    picture = page.data_uri(temperature_figure(campaign)) if campaign.temperatures is not None else None
     if content is not None:
-        return Report(page.render(content, ordered), finite(page.data_of(content, ordered)))
+        html = page.render(content, ordered, (picture, warming.get("temperature", [])))
+        return Report(html, finite(page.data_of(content, ordered) | warming))
     (data, images), *others = ordered.values()
-    data = data | answer | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
+    data = data | answer | warming | {key: section for (key, (section, _)) in list(ordered.items())[1:]}
     verdict = page.VERDICTS.get(data["verdict"] or "")
-    html = page.page("recordings.html", data, None, (), verdict=verdict, images=images, beside=others)
+    html = page.page(
+        "recordings.html", data, None, (), verdict=verdict, images=images, beside=others, temperature_image=picture
+    )
     return Report(html, finite(data))
 
 

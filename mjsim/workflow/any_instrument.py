@@ -189,7 +189,7 @@ def shown_by(plant: Plant, test: Any, recording: Any, time: np.ndarray) -> np.nd
     instrument = INSTRUMENTS[test.instrument]
     stops = instrument.stops(test, recording)
     if stops is not None:
-        return instrument.reading(test, standing(plant, stops, test.name), plant.geometry)
+        return instrument.reading_at(test, standing(plant, stops, test.name), plant.geometry, stops)
     fine = np.arange(int(np.ceil(time[-1] / STEP)) + 2) * STEP
     moved = load_of(plant, fine, instrument.command(test, fine), name=test.name)
     shown = instrument.reading(test, moved, plant.geometry)

@@ -89,6 +89,7 @@ def _result(
     verdict = "unknown" if logs.rest else verdict
     seen = {f"{kind}.{a}" for a in judged.axes for kind in MOTOR_SIDE if exists(f"{kind}.{a}", final)}
     named = {e.effect.id for e in found} | {a for e in found for a in e.alternatives}
+    ours = {b.effect_id for b in logs.budget}
     posterior = judged.model.posterior if judged.model is not None else bar.posterior
     return replace(
         bar,
@@ -103,6 +104,7 @@ def _result(
         next_test=bar.next_test if verdict == "ambiguous" else None,
         posterior=posterior.within(final) if posterior is not None else None,
         logs=replace(logs, before=before),
+        budget=(*(b for b in bar.budget if b.effect_id not in ours), *logs.budget),
     )
 
 

@@ -74,5 +74,6 @@ def diagnose(
             logs.after,
             logs=logs,
             settings=settings,
+            budget=logs.budget,
         )
     return diagnose_bars(campaign, machine, max_effects, threads, progress, settings)

@@ -12,6 +12,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.budget import Budget
 from mjsim.estimation.combinations import Combination
+from mjsim.estimation.hypotheses import name_of
 from mjsim.estimation.outcome import verdict_of
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
@@ -231,9 +232,9 @@ class Diagnosis:
                     for k, row in enumerate(value):
                         for j, what in ((1, "amplitude"), (2, "phase")):
                             low, high = (ci[0][k][j], ci[1][k][j]) if ci else (np.nan, np.nan)
-                            rows.append((e.effect.id, f"order {row[0]:g} {what}", row[j], low, high, same))
+                            rows.append((name_of(e.effect), f"order {row[0]:g} {what}", row[j], low, high, same))
                 else:
-                    rows.append((e.effect.id, name, value, *(ci or (np.nan, np.nan)), same))
+                    rows.append((name_of(e.effect), name, value, *(ci or (np.nan, np.nan)), same))
         return pd.DataFrame(rows, columns=["effect", "parameter", "value", "low", "high", "alternatives"])
 
 

@@ -150,9 +150,14 @@ def plan(
     if not found:
         return _for_logs(logs, machine, result.logs.selections, settings.plan)
     pair = found[0].effect.id, found[0].alternatives[0]
-    models = [next(m for m in found[0].models if m.effect_id.split("[")[0] == i) for i in pair]
+    models = [_model_of(found[0].models, i) for i in pair]
     bars = plan_bars(campaign, machine, pair, threads, progress, settings)
     return _across(logs, machine, models, bars, threads, settings)
+
+
+def _model_of(models: Sequence[CompetingModel], name: str) -> CompetingModel:
+    """The first model with a cause in it, by its id or its key."""
+    return next(m for m in models if name in (m.effect_id, m.effect_id.split("[")[0]))
 
 
 def _beside_rest(
@@ -168,7 +173,7 @@ def _beside_rest(
         assert result.logs is not None
         return _for_logs(parts[LogTest.instrument], machine, result.logs.selections, settings.plan)
     pair = found[0].effect.id, found[0].alternatives[0]
-    models = [next(m for m in found[0].models if m.effect_id.split("[")[0] == i) for i in pair]
+    models = [_model_of(found[0].models, i) for i in pair]
     bars = plan_bars(campaign, machine, pair, threads, progress, settings) if result.has_bars else None
     rests = separating(campaign, machine, models, progress, settings.plan)
     logs: tuple[PlannedLog, ...] = ()

@@ -56,6 +56,33 @@ class Axis:
         nominal = target if component[1] == axis else 0.0
         return seen[:, "XYZ".index(component[1])] - nominal
 
+    def read_diagonal(self, ends: dict, target: np.ndarray, side: np.ndarray, line, at=None) -> np.ndarray:
+        """True deviations along the line between two points, (n,) m.
+
+        Args:
+            ends: Position at both ends by axis, m. target: way from the first end, (n,) m. side: of the last move.
+            line: Where the optics meet at the first end. at: Where other axes stand.
+        """
+        e, first = self.errors, {a: v[0] for a, v in ends.items()}
+        way = {a: v[1] - v[0] for a, v in ends.items()}
+        length = np.sqrt(sum(w * w for w in way.values()))
+        told = {a: np.full(len(target), (at or {}).get(a, 0.0)) for a in self.real.axes}
+        told |= {a: first[a] + target * way[a] / length for a in ends}
+        stand, motion = dict(told), {}
+        for a in ends:
+            real = told[a] - 0.5 * e.get("play", {}).get(a, 0.0) * side * np.sign(way[a])
+            stand[a] = real + e.get("scale", {}).get(a, 0.0) * real
+            for name, (one, two) in e.get("angle", {}).items():
+                if name[2] == a:
+                    motion[name] = one * (real / 0.1) + two * (real / 0.1) ** 2
+            for name, (two, three) in e.get("straight", {}).items():
+                if name[2] == a:
+                    motion[name] = two * (real / 0.1) ** 2 + three * (real / 0.1) ** 3
+        start = {a: np.full(1, first.get(a, (at or {}).get(a, 0.0))) for a in self.real.axes}
+        tool, table = self._points(np.asarray(line, float), start)
+        unit = np.array([way.get(a, 0.0) for a in "XYZ"]) / length
+        return self.real.bar(stand, motion, table, tool) @ unit - target
+
     def _points(self, line: np.ndarray, stand: dict) -> tuple[np.ndarray, np.ndarray]:
         """Where the optics are fixed in the spindle's and the table's frame so that both are at the line."""
         ideal = Kinematics.__new__(Kinematics)
@@ -95,7 +122,8 @@ def write(
         tests: Each with ``name``, ``axis``, ``ends`` (mm or degrees), ``count`` of targets; and ``component``,
             ``line_mm``, ``at_mm``, ``runs`` where they are not the usual ones. ``extra`` is a cause outside the
             catalogue: deviations (n,) m or rad at targets (n,). ``pause_s``: from reading to reading, where the file
-            has times; ``drift``: deviations (n,) at such times.
+            has times; ``drift``: deviations (n,) at such times. ``from_mm``, ``to_mm`` make a diagonal of it: then
+            ``axis`` has all letters.
         noise: Of one reading, m and rad.
         instrument: More keys of its table.
         tolerance: More limits of the machine file.
@@ -105,18 +133,22 @@ def write(
     folder, out = Path(folder), []
     (folder / "traces").mkdir(parents=True, exist_ok=True)
     for t in tests:
-        axis, rotary = t["axis"], t["axis"] in "ABC"
+        axis, rotary = t["axis"], t["axis"] in list("ABC")
         unit, component = DEG if rotary else 1e-3, t.get("component", f"E{t['axis']}{t['axis']}")
         target = np.round(targets_of(*t["ends"], t["count"], rng), 3) * unit
+        ends = {a: (v * 1e-3, t["to_mm"][a] * 1e-3) for a, v in t.get("from_mm", {}).items()}
         told, side, run = rows_of(target, t.get("runs", 5))
         at = {a: v * 1e-3 for a, v in t.get("at_mm", {}).items()}
         line = np.array(t.get("line_mm", (0.0, 0.0, 0.0))) * 1e-3
-        found = Axis(errors).read(axis, component, told, side, line, at)
-        found = found + (t["extra"](told) if "extra" in t else 0.0) + gain * told * (component[1] == axis)
+        if ends:
+            found = Axis(errors).read_diagonal(ends, told, side, line, at)
+        else:
+            found = Axis(errors).read(axis, component, told, side, line, at)
+        found = found + (t["extra"](told) if "extra" in t else 0.0) + gain * told * (component[1] == axis or bool(ends))
         clock = t.get("pause_s", 0.0) * np.arange(len(told))
         found = found + (t["drift"](clock) if "drift" in t else 0.0)
         found = found + rng.normal(0.0, noise, len(told)) + rng.normal(0.0, 50e-6)
-        angle = component[1] in "ABC"
+        angle = component[1] in "ABC" and not ends
         names = [
             "target_deg" if rotary else "target_mm",
             "run",
@@ -129,7 +161,7 @@ def write(
             text = [f"{row},{s}" for row, s in zip(text, ["time_s", *(f"{s:.1f}" for s in clock)], strict=True)]
         text.append("")
         (folder / "traces" / f"{t['name']}.csv").write_text("\n".join(text))
-        keys = {k: t[k] for k in ("component", "line_mm", "at_mm") if k in t}
+        keys = {k: t[k] for k in ("component", "line_mm", "at_mm", "from_mm", "to_mm") if k in t}
         out.append({"name": t["name"], "kind": "positions", "axis": axis, "trace": f"traces/{t['name']}.csv", **keys})
     machine["tolerance"] = real_machines.TOLERANCE | (tolerance or {})
     (folder / "machine.toml").write_text(tomlkit.dumps(machine))

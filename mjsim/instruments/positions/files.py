@@ -77,6 +77,8 @@ class PositionTable(Table):
     kind: Literal["positions"]
     axis: str
     component: str | None = None
+    from_mm: dict[str, Length] = Field(default={})
+    to_mm: dict[str, Length] = Field(default={})
     line_mm: Annotated[list[Length], Field(min_length=3, max_length=3)] = Field(default=[0.0, 0.0, 0.0])
     at_mm: dict[str, Length] = Field(default={})
     dead_path_mm: Annotated[float, Field(ge=0, le=100_000)] = 0.0
@@ -108,19 +110,21 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
         InputError: The machine has no such axis, or the axis no such component.
     """
     place = f'{file}: [[test]] "{t.name}"'
-    if t.axis not in chain.letters:
+    ends = _ends(place, t, chain)
+    if not ends and t.axis not in chain.letters:
         raise InputError(f"{place}: axis = {shown(t.axis)}; allowed: {', '.join(chain.letters)}")
-    components = components_of(chain, t.axis)
+    along = "D" + "".join(a if last > first else f"{a}-" for a, first, last in ends)
+    components = (along,) if ends else components_of(chain, t.axis)
     component = t.component or components[0]
     if component not in components:
         raise InputError(f"{place}: component = {shown(component)}; allowed for {t.axis}: {', '.join(components)}")
-    rotary = chain.is_rotary(t.axis)
+    rotary = not ends and chain.is_rotary(t.axis)
     wrong, right = ("targets_mm", "targets_deg") if rotary else ("targets_deg", "targets_mm")
     if getattr(t, wrong):
         raise InputError(f"{place}: {wrong}; allowed for {t.axis}: {right}")
     if rotary and t.dead_path_mm:
         raise InputError(f"{place}: dead_path_mm = {t.dead_path_mm:g}; allowed for {t.axis}: none, as it turns")
-    others = [a for a in chain.linear if a != t.axis]
+    others = [a for a in chain.linear if a not in t.axis]
     for letter in t.at_mm:
         if letter not in others:
             raise InputError(f"{place}: at_mm names {shown(letter)}; allowed: {', '.join(others) or 'none'}")
@@ -139,7 +143,32 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
         tuple(v * unit for v in getattr(t, right)),
         t.runs,
         t.started_s,
+        ends,
     )
+
+
+def _ends(place: str, t: PositionTable, chain: Chain) -> tuple[tuple[str, float, float], ...]:
+    """The axes of a diagonal with both ends, m; none where one axis moves.
+
+    Raises:
+        InputError: The ends are not of the axes that move, or an axis does not move.
+    """
+    if len(t.axis) < 2 and not t.from_mm and not t.to_mm:
+        return ()
+    letters = tuple(t.axis)
+    known = set(letters) <= set(chain.linear) and len(set(letters)) == len(letters)
+    if len(letters) < 2 or not known or not chain.spatial:
+        allowed = f"two or more of {', '.join(chain.linear)}, each once" if chain.spatial else "one axis"
+        raise InputError(f"{place}: axis = {shown(t.axis)} with from_mm and to_mm; allowed: {allowed}")
+    for key, given in (("from_mm", t.from_mm), ("to_mm", t.to_mm)):
+        if set(given) != set(letters):
+            said = ", ".join(given) or "nothing"
+            raise InputError(f"{place}: {key} names {said}; allowed of a diagonal: each of {', '.join(letters)}")
+    for letter in letters:
+        if t.from_mm[letter] == t.to_mm[letter]:
+            at = f"{letter} is at {t.from_mm[letter]:g} mm at both ends"
+            raise InputError(f"{place}: {at}; allowed: axes that move, others in at_mm")
+    return tuple((a, t.from_mm[a] * MM, t.to_mm[a] * MM) for a in letters)
 
 
 def test_table(test: PositionTest) -> dict:
@@ -147,6 +176,9 @@ def test_table(test: PositionTest) -> dict:
     out: dict[str, Any] = {"name": test.name, "kind": test.kind, "axis": test.axis}
     if not test.positioning:
         out["component"] = test.component
+    if test.ends:
+        out["from_mm"] = {a: round(first / MM, 4) for a, first, _ in test.ends}
+        out["to_mm"] = {a: round(last / MM, 4) for a, _, last in test.ends}
     if not test.rotary:
         out["line_mm"] = [round(v / MM, 4) for v in test.line]
     if test.at:

@@ -12,7 +12,7 @@ import numpy as np
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Over, Stops, register
 from mjsim.instruments.positions import files
 from mjsim.instruments.positions.files import PositionTable, position_test
-from mjsim.instruments.positions.iso230_2 import REVERSAL, positioning_figures
+from mjsim.instruments.positions.iso230_2 import REVERSAL, SYSTEMATIC, positioning_figures
 from mjsim.instruments.positions.measurement import PositionTest, Reader, Readings, stops_of
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
 from mjsim.instruments.positions.plan import proposals
@@ -142,6 +142,20 @@ class Positions(Instrument[PositionTest, Readings]):
     def stops(self, test: PositionTest, recording: Readings) -> Stops:
         return stops_of(test, recording)
 
+    def reading_at(self, test: PositionTest, position: np.ndarray, geometry: Geometry, stops: Stops) -> np.ndarray:
+        """As :meth:`reading`; along a diagonal, how far the optics are apart less how far they should be."""
+        if not test.ends:
+            return self.reading(test, position, geometry)
+        chain, start = test.chain, test.place
+        moved = position.copy()
+        for column, motion in enumerate(chain.motions[: position.shape[1] - chain.count], start=chain.count):
+            moved[:, column] *= motion.axis in test.moving
+        told = stops.route[stops.at[:, 0]]
+        tool, table = _optics(test, start)
+        seen, should = bar_vector(chain, moved, table, geometry, tool), bar_vector(chain, told, table, Geometry(), tool)
+        along = bar_vector(chain, (start + test.way)[None], table, Geometry(), tool)[0]
+        return ((seen - should) @ (along / np.linalg.norm(along)))[:, None]
+
     def reading(self, test: PositionTest, position: np.ndarray, geometry: Geometry) -> np.ndarray:
         """What the moving optics is off, or by what the slide has turned; positions are counted from the target."""
         chain, what = test.chain, test.component
@@ -150,25 +164,23 @@ class Positions(Instrument[PositionTest, Readings]):
         if test.angular:
             column = chain.columns.index(what)
             return position[:, [column]] if column < position.shape[1] else np.zeros((len(position), 1))
-        # the optics on either side: both at the line while the axis is at 0
-        tool, table, ideal = np.array(test.line), np.array(test.line), test.place
-        for letter, at in test.at:
-            unit = np.array(chain.axis(letter).unit)
-            if letter in [a.letter for a in chain.tool]:
-                tool = tool - at * unit
-            else:
-                table = table + at * unit
+        ideal = test.place
+        tip, table = _optics(test, ideal)
         # what other axes add does not change while they stand: it is part of the zero
         moved = position.copy()
         for column, motion in enumerate(chain.motions[: position.shape[1] - chain.count], start=chain.count):
             moved[:, column] *= motion.axis == test.axis
-        tip = (tool[0], tool[1], tool[2])
         seen, before = (bar_vector(chain, q, table, geometry, tip) for q in (moved, ideal[None]))
         return (seen - before)[:, [COORDINATES.index(what[1])]]
 
     def over(self, test: PositionTest, recording: Readings) -> Over:
         sides = tuple("from below" if s > 0 else "from above" for s in recording.side)
-        return Over(f"target of {test.axis}", "°" if test.rotary else "mm", recording.target / test.unit, sides)
+        return Over(
+            f"{'way along' if test.ends else 'target of'} {test.axis}",
+            "°" if test.rotary else "mm",
+            recording.target / test.unit,
+            sides,
+        )
 
     def nuisances_of(self, test: PositionTest, recording: Readings, time: np.ndarray, data: Reader) -> Nuisances:
         size, suffix = test.channel.size, test.channel.suffix
@@ -194,17 +206,18 @@ class Positions(Instrument[PositionTest, Readings]):
     def figures_of(
         self, test: PositionTest, recording: Readings, time: np.ndarray, reading: np.ndarray
     ) -> dict[str, float]:
-        """A, R, E, M and B of ISO 230-2."""
+        """A, R, E, M and B of ISO 230-2; of a diagonal E and B, as ISO 230-6 has them."""
         found = positioning_figures(recording.target, recording.side, reading[:, 0])
         # readings of a model repeat to rounding errors only
-        return {f"{k}_{test.channel.suffix}": round(v / test.channel.size, 6) for k, v in found.items()}
+        kept = found if not test.ends else {k: v for k, v in found.items() if k[0] in SYSTEMATIC + REVERSAL}
+        return {f"{k}_{test.channel.suffix}": round(v / test.channel.size, 6) for k, v in kept.items()}
 
     def by_itself(self, tests: Sequence[PositionTest], recordings: Mapping[str, Readings]) -> dict[str, float]:
         """Scale error from the line through the mean deviations, and play as the mean reversal error."""
         out: dict[str, float] = {}
         for t in tests:
             r = recordings[t.name]
-            if not t.positioning:
+            if not t.positioning or t.ends:
                 continue
             found = positioning_figures(r.target, r.side, r.deviation)
             if f"{REVERSAL}_mean" in found:
@@ -223,6 +236,20 @@ class Positions(Instrument[PositionTest, Readings]):
         self, tests: Sequence[PositionTest], recordings: dict[str, Readings], data: Reader
     ) -> Sequence[Mistake]:
         return position_remarks(tests, recordings, data)
+
+
+def _optics(test: PositionTest, place: np.ndarray) -> tuple[tuple[float, float, float], np.ndarray]:
+    """Where the optics are fixed in the spindle's and in the table's frame, (3,) m each, so that both are at the line
+    while the axes stand at ``place``.
+    """
+    tool, table = np.array(test.line), np.array(test.line)
+    for letter in test.chain.linear:
+        axis, at = test.chain.axis(letter), place[test.chain.index(letter)]
+        if letter in [a.letter for a in test.chain.tool]:
+            tool = tool - at * np.array(axis.unit)
+        else:
+            table = table + at * np.array(axis.unit)
+    return (float(tool[0]), float(tool[1]), float(tool[2])), table
 
 
 def _temperature(test: PositionTest, recording: Readings, way: np.ndarray) -> list[tuple[str, np.ndarray, float]]:

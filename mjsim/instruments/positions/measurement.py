@@ -1,4 +1,6 @@
-"""Tests of one axis at target positions, what was measured in one, and where the machine stands in each reading."""
+"""Tests of one axis, or of a diagonal, at target positions; what was measured in one, and where the machine stands in
+each reading.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,15 @@ ANGLE = Channel(unit="µrad", size=1e-6, suffix="urad")
 
 @dataclass(frozen=True)
 class PositionTest:
-    """One axis goes to target positions, and an instrument reads what it is off there.
+    """One axis goes to target positions, or several linear axes along a line, and an instrument reads what it is off
+    there.
 
     Attributes:
         name: Unique in the campaign.
-        axis: Letter of the axis that moves.
+        axis: Letter of the axis that moves; of a diagonal the letters of all that move together.
         component: What is measured, by its name in ISO 230-1: positioning (``E``, coordinate, the axis again),
-            straightness (another coordinate) or an angle of the slide (A, B or C).
+            straightness (another coordinate) or an angle of the slide (A, B or C). Of a diagonal ``D`` and its axes,
+            with a minus behind those that go down.
         line: Where the moving optics is while all axes are at 0, machine frame, (3,) m. Of a straight beam along the
             axis, the coordinates across it.
         at: Where the other axes stand, by letter, m and rad; those that are left out stand at 0.
@@ -45,6 +49,8 @@ class PositionTest:
         targets: Targets that are planned, m or rad; may be empty.
         runs: How often each planned target is measured from each side.
         started: Campaign clock at its first reading's time 0, s.
+        ends: Of a diagonal (ISO 230-6): letter of every axis that moves, where it is at target 0, and where at the
+            end, m. Targets count along the line.
     """
 
     __test__ = False
@@ -62,6 +68,7 @@ class PositionTest:
     targets: tuple[float, ...] = ()
     runs: int = 5
     started: float = 0.0
+    ends: tuple[tuple[str, float, float], ...] = ()
 
     @property
     def kind(self) -> str:
@@ -71,7 +78,25 @@ class PositionTest:
     @property
     def rotary(self) -> bool:
         """Whether the axis turns."""
-        return self.chain.is_rotary(self.axis)
+        return not self.ends and self.chain.is_rotary(self.axis)
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """Letters of the axes that move."""
+        return tuple(letter for letter, _, _ in self.ends) or (self.axis,)
+
+    @property
+    def way(self) -> np.ndarray:
+        """How far every axis moves per metre or radian of the target, (axes,)."""
+        out = np.zeros(self.chain.count)
+        for letter, first, last in self.ends or ((self.axis, 0.0, 1.0),):
+            out[self.chain.index(letter)] = last - first
+        return out / np.linalg.norm(out)
+
+    @property
+    def length(self) -> float:
+        """Of a diagonal, m."""
+        return float(np.linalg.norm([last - first for _, first, last in self.ends]))
 
     @property
     def unit(self) -> float:
@@ -80,13 +105,13 @@ class PositionTest:
 
     @property
     def positioning(self) -> bool:
-        """Whether the component is along the axis itself."""
-        return self.component[1] == self.axis
+        """Whether the component is along the axis or the diagonal itself."""
+        return bool(self.ends) or self.component[1] == self.axis
 
     @property
     def angular(self) -> bool:
         """Whether the readings are angles."""
-        return self.component[1] not in COORDINATES
+        return not self.ends and self.component[1] not in COORDINATES
 
     @property
     def channel(self) -> Channel:
@@ -108,9 +133,9 @@ class PositionTest:
 
     @property
     def place(self) -> np.ndarray:
-        """Positions of all axes with the moving one at 0, (axes,) m and rad."""
+        """Positions of all axes at target 0, (axes,) m and rad."""
         q = np.zeros(self.chain.count)
-        for letter, position in self.at:
+        for letter, position in (*self.at, *((a, first) for a, first, _ in self.ends)):
             q[self.chain.index(letter)] = position
         return q
 
@@ -196,16 +221,15 @@ class Reader:
 
 
 def stops_of(test: PositionTest, readings: Readings) -> Stops:
-    """Where the machine comes from and stands in every reading; positions are counted from the target."""
-    n, i = len(readings.target), test.chain.index(test.axis)
-    stand = np.tile(test.place, (n, 1))
-    stand[:, i] = readings.target
-    before = stand.copy()
-    before[:, i] -= readings.side * (LEAD_ROTARY if test.rotary else LEAD_LINEAR)
+    """Where the machine comes from and stands in every reading; the positions of one axis are counted from the target,
+    those of a diagonal are as they are.
+    """
+    n, way = len(readings.target), test.way
+    stand = test.place + readings.target[:, None] * way
+    before = stand - readings.side[:, None] * (LEAD_ROTARY if test.rotary else LEAD_LINEAR) * np.sign(way)
     route = np.stack([before, stand], axis=1).reshape(2 * n, -1)
     clock = np.repeat(readings.time if readings.timed else np.zeros(n), 2)
-    away = np.zeros(stand.shape)
-    away[:, i] = readings.target
+    away = np.zeros(stand.shape) if test.ends else readings.target[:, None] * way
     return Stops(route, test.started + clock, (1 + 2 * np.arange(n))[:, None], away)
 
 

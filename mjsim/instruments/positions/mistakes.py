@@ -17,6 +17,8 @@ _HUGE_LENGTH, _HUGE_ANGLE = 5.0 * MM, 1.0 * DEG
 _SMALL_LENGTH, _SMALL_ANGLE = 2e-9, 2e-9
 #: Targets of a linear axis that lie within this are in another unit, m: less than a turn of any screw.
 _NARROW = 1.0 * MM
+#: How far beyond the ends of a diagonal a target may be, m: ends are rounded.
+_BEYOND = 1.0 * MM
 #: A reading that is off the others of its target and side by so many times their scatter was not one of them: normal
 #: readings do it once in 10⁹ (the scatter is that of the median, so it holds with an outlier too).
 _FAR = 6.0
@@ -60,6 +62,10 @@ def position_remarks(tests: Sequence[PositionTest], recordings: Mapping[str, Rea
 
 def _target_mistakes(t: PositionTest, r: Readings) -> list[Mistake]:
     spread = float(np.ptp(r.target))
+    if t.ends and (r.target.min() < -_BEYOND or r.target.max() > t.length + _BEYOND):
+        found = f"{t.name}: targets of {r.target.min() / MM:g} to {r.target.max() / MM:g} mm on a diagonal of "
+        found += f"{t.length / MM:.4g} mm; target_mm counts along the line, from where from_mm says"
+        return [Mistake("target", (t.name,), found)]
     if not t.rotary and spread < _NARROW:
         found = f"{t.name}: all targets lie within {spread / MM:.3g} mm"
         return [Mistake("target_unit", (t.name,), f"{found}; write them in mm, not in m")]

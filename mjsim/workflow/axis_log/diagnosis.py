@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.estimation.axis_logs.budget import log_budget
 from mjsim.estimation.axis_logs.fit import AxisFit
 from mjsim.estimation.axis_logs.found import AxisSelection
 from mjsim.estimation.axis_logs.separability import Inseparable
 from mjsim.estimation.axis_logs.unexplained import UnexplainedRest
+from mjsim.estimation.budget import Budget
 from mjsim.instruments.axis_log.signals import Finding
 from mjsim.machine.model import Machine
 from mjsim.units import DEG, MM, UM
@@ -114,6 +116,14 @@ class LogDiagnosis:
         return {k: round(p, 4) for k, p in rows.items()}
 
     @property
+    def budget(self) -> tuple[Budget, ...]:
+        """Where the uncertainty of every number of the recorded axes comes from: findings first."""
+        rows = [b for fit in self._fits for b in log_budget(fit)]
+        found = [e.effect.id for e in self.effects]
+        place = {name: i for i, name in enumerate(found)}
+        return tuple(sorted(rows, key=lambda b: place.get(b.effect_id, len(found))))
+
+    @property
     def _fits(self) -> list[AxisFit]:
         return [s.fit for s in (*self.selections.values(), *self.between.values())]
 
@@ -137,6 +147,7 @@ class LogDiagnosis:
             "not_separable": [
                 {"axis": i.axis, "numbers": list(i.labels), "remedy": i.remedy} for i in self.inseparable
             ],
+            "budget": [{k: rounded(v) for k, v in b.to_json().items()} for b in self.budget],
             "samples": sum(t.to_json()["samples"] for t in self.before.tests),
             "next_test": self._next(),
             "tests": [t.to_json() for t in self.after.tests],
