@@ -61,6 +61,23 @@ def test_a_template_a_number_and_a_trace_make_a_campaign(draft, tmp_path):
     assert "# assumed" in (folder / "machine.toml").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("template", ["trunnion-a-medium", "nutating-table-small"])
+def test_the_sense_of_an_axis_is_chosen(draft, template):
+    """The file says it in the words of one that was written so, and is the same again after the way back."""
+    draft.choose_template(template)
+    file = draft.folder / "machine.toml"
+    before = file.read_text()
+    for axis in draft.machine.chain.rotary:
+        draft.set_sense(axis, "opposite")
+        assert draft.machine.chain.sense(axis) == "opposite"
+        assert f"{axis}+ turns the workpiece counter-clockwise, seen against" in file.read_text()
+        draft.set_sense(axis, "iso")
+    assert file.read_text() == before
+    file.write_text(before.replace("CHANGE", "mine"))  # a file that was edited
+    draft.set_sense("C", "opposite")
+    assert draft.machine.chain.senses == draft.machine.chain.senses.replace("C iso", "C opposite")
+
+
 def test_the_tests_of_a_campaign_file_wait_for_their_traces(draft, tmp_path):
     source = cut(tmp_path / "given")
     names = [str(t["name"]) for t in tomlkit.parse((source / "campaign.toml").read_text())["test"]]

@@ -48,7 +48,7 @@ class OpenCampaign:
             InputError: The traces show a mistake.
         """
         campaign = campaign.of(BallBarTest.instrument)
-        problem = checked_problem(campaign, build(machine), threads) if campaign.measured else None
+        problem = checked_problem(campaign, build(machine), threads, machine=machine) if campaign.measured else None
         motions = {t.name: AxesMotion(t) for t in campaign.tests}
         background = None
         if problem is not None:
