@@ -72,7 +72,7 @@ def spoil(campaign, planted: str, rng):
 def run(case, kinds: list[str]) -> list[tuple[str, str, str]]:
     """(campaign, planted, outcome) for one campaign as it is and with every mistake of ``kinds``."""
     import numpy as np
-    from independent import campaign as generator
+    from independent import bank
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
@@ -81,7 +81,7 @@ def run(case, kinds: list[str]) -> list[tuple[str, str, str]]:
     rng = np.random.default_rng(zlib.crc32(case.name.encode()))
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        generator.write(case, Path(folder))
+        bank.write_case(case, Path(folder))
         campaign = read_campaign(folder)
         machine = read_machine(campaign.machine_file)
     found = recognise(campaign, machine, 1).mistakes
