@@ -211,6 +211,12 @@ def test_a_log_whose_header_says_nothing(draft):
     assert [t.name for t in read_campaign(draft.folder).measured] == ["run"] and draft.tests[0]["axes"] == ["X"]
 
 
+def test_a_log_among_traces_is_pointed_out(draft):
+    rows = "".join(f"{i / 100},{i},{i - 0.1}\n" for i in range(9))
+    said = draft.drop("x.csv", f"time_s,X_command_mm,X_actual_mm\n{rows}".encode())
+    assert said == "x.csv: which test is it? If the control recorded it, choose the control in step 2."
+
+
 def test_a_file_name_and_a_header_suggest_keys(tmp_path):
     (tmp_path / "Cone_CW.txt").write_text("")
     assert guessed_keys(tmp_path / "Cone_CW.txt", ()) == {"kind": "cone_frustum", "direction": "CW"}

@@ -32,8 +32,10 @@ from mjsim.importing.formats import read_any
 from mjsim.importing.header import test_keys
 from mjsim.importing.importer import ImportedTrace, import_traces
 from mjsim.importing.into_campaign import test_name
+from mjsim.importing.log_columns import columns_of
 from mjsim.importing.logs import ImportedLog, import_log
 from mjsim.importing.reading import Options
+from mjsim.importing.table import Table
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -395,7 +397,15 @@ class Draft:
         if name in [t["name"] for t in self.tests]:
             self.bring_in(path.name, name)
             return f"{path.name}: the trace of {name}."
-        return f"{path.name}: which test is it?"
+        log = " If the control recorded it, choose the control in step 2." if self._is_log(table) else ""
+        return f"{path.name}: which test is it?{log}"
+
+    def _is_log(self, table: Table) -> bool:
+        """Whether the header of a file names commands of axes."""
+        try:
+            return bool(columns_of(table, self._machine().chain, (), Options()))
+        except InputError:
+            return False
 
     def _drop_log(self, path: Path) -> str:
         table = read_any(path, Options())
