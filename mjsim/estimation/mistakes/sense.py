@@ -30,6 +30,7 @@ from mjsim.machine.kinematics import Geometry, bar_vector
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation.axes import time_grid
+from mjsim.units import percent
 
 #: Location errors and squareness of a machine in use, m and rad: one standard deviation (assumed).
 _SHIFT, _TILT = 50e-6, 200e-6
@@ -73,7 +74,7 @@ def sense_mistakes(state: State, machine: Machine) -> list[Mistake]:
         before, after = (float(np.sqrt(np.mean(x**2))) * 1e6 for x in (given, turned))
         evidence = (
             f"with location errors that all tests share, these tests then leave {after:.2g} µm instead of {before:.2g} "
-            f"µm, probability {100.0 * expit(odds):.3g} %"
+            f"µm, probability {percent(float(expit(odds)))}"
         )
         names = tuple(state.variants[k].test.name for k in changed)
         words = f'sense = "{other.chain.sense(axis)}" in [axis.{axis}] of the machine file'
