@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """How often are mistakes of the user recognised, and how often is a right campaign called wrong?
 
-    scripts/benchmark_mistakes [--half tune|publish] [--every N] [--as-they-are] [--jobs N] [--page docs/mistakes.md]
+    scripts/benchmark_mistakes [--half tune|publish] [--every N] [--planted NAME] [--jobs N] [--page docs/mistakes.md]
 
 Every N-th campaign of the independent generator (healthy and faulty machines; answers known) is looked at as it is, and
 then once with each mistake in it: signs and units of all traces or of one, directions of all tests or of one, two
-traces exchanged.
+traces exchanged, a rotary axis with the other sense in the machine file.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ sys.path[:0] = [str(ROOT / "tests")]
 FACTORS = {"sign": -1.0, "mm": 1e-3, "mil": 1 / 25.4, "inch": 1 / 25.4e3, "microinch": 1 / 25.4e-3}
 #: The table stands behind this line of the page.
 MARK = "<!-- scripts/benchmark_mistakes -->"
-PLANTED = [f"{who}: {what}" for who in ("all", "one") for what in (*FACTORS, "direction")] + ["two: swapped"]
+PLANTED = [f"{who}: {what}" for who in ("all", "one") for what in (*FACTORS, "direction")] + [
+    "two: swapped",
+    "axis: sense",
+]
 
 
 def spoil(campaign, planted: str, rng):
@@ -69,7 +72,7 @@ def spoil(campaign, planted: str, rng):
 def run(case, kinds: list[str]) -> list[tuple[str, str, str]]:
     """(campaign, planted, outcome) for one campaign as it is and with every mistake of ``kinds``."""
     import numpy as np
-    from independent import campaign as generator
+    from independent import bank
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
@@ -78,18 +81,38 @@ def run(case, kinds: list[str]) -> list[tuple[str, str, str]]:
     rng = np.random.default_rng(zlib.crc32(case.name.encode()))
     rows = []
     with tempfile.TemporaryDirectory() as folder:
-        generator.write(case, Path(folder))
+        bank.write_case(case, Path(folder))
         campaign = read_campaign(folder)
         machine = read_machine(campaign.machine_file)
     found = recognise(campaign, machine, 1).mistakes
     rows.append((case.name, "nothing", "none" if not found else "ALARM " + "; ".join(m.sentence for m in found)))
     for planted in kinds:
-        spoiled = spoil(campaign, planted, rng)
+        if planted == "axis: sense":
+            spoiled = with_wrong_sense(campaign, machine, rng)
+        else:
+            plain = spoil(campaign, planted, rng)
+            spoiled = plain and (plain[0], machine, plain[1])
         if spoiled is None:
             continue
-        found = recognise(spoiled[0], machine, 1).mistakes
-        rows.append((case.name, planted, judge(planted, spoiled[1], found)))
+        found = recognise(spoiled[0], spoiled[1], 1).mistakes
+        rows.append((case.name, planted, judge(planted, spoiled[2], found)))
     return rows
+
+
+def with_wrong_sense(campaign, machine, rng):
+    """Campaign and machine whose file has the other sense of a rotary axis that some test turns by its positions, and
+    these tests; ``None`` where there is none.
+    """
+    from mjsim.estimation.mistakes.sense import with_other_sense
+
+    turned = {t.name: t.axis for t in campaign.measured if t.kind == "rotary"}
+    if not turned:
+        return None
+    axes = sorted(set(turned.values()))
+    axis = axes[rng.integers(len(axes))]
+    other = with_other_sense(machine, axis)
+    tests = tuple(replace(t, chain=other.chain) for t in campaign.tests)
+    return replace(campaign, tests=tests), other, {name for name, a in turned.items() if a == axis}
 
 
 def judge(planted: str, chosen: set[str], found) -> str:
@@ -113,15 +136,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--half", choices=("tune", "publish"), default="tune")
     parser.add_argument("--every", type=int, default=10, help="take every N-th campaign (default 10)")
-    parser.add_argument("--as-they-are", action="store_true", help="plant nothing: only look for false alarms")
+    parser.add_argument("--planted", nargs="*", default=PLANTED, help="what is planted; nothing: only false alarms")
+    parser.add_argument("--worlds", nargs="*", default=["ideal", "real", "wild"], help="worlds of campaigns")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--page", type=Path, help="write the table there")
     options = parser.parse_args()
     from independent import bank
 
-    cases = [c for c in bank.cases() if c.half == options.half][:: options.every]
+    cases = [c for c in bank.cases() if c.half == options.half and bank.world(c.category) in options.worlds]
+    cases = cases[:: options.every]
     count: Counter = Counter()
-    kinds = [] if options.as_they_are else PLANTED
+    kinds = options.planted
     with ProcessPoolExecutor(options.jobs) as pool:
         for rows in pool.map(run, cases, [kinds] * len(cases)):
             for name, planted, outcome in rows:

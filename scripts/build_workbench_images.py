@@ -127,7 +127,7 @@ def mission(folder: Path, film: bool) -> None:
         page.screenshot(path=IMAGES / "workbench-added.png")
         shot(4)
         page.locator("button[aria-label='part']").click()
-        page.locator(".part-ask .q-select").click()
+        page.locator(".part-ask .q-select").first.click()
         page.get_by_role("option", name="cone").click()
         page.get_by_text("predict", exact=True).click()
         page.locator(".part-table").first.wait_for()

@@ -35,6 +35,7 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, SIZES, TEMPLATES
 from mjsim.campaign.new_machine import machine_text
 from mjsim.io.files import finite
+from mjsim.machine.chain import chain_of
 from mjsim.workflow.diagnose import diagnose
 
 #: Velocity loops are tuned to the inertia within this factor.
@@ -99,7 +100,8 @@ def run_case(number: int) -> dict:
         row = {"name": case.name, "noise_um": case.noise_um, "answer": write(case, folder)}
         template = TEMPLATES[template_name]
         other = folder / "template.toml"
-        other.write_text(machine_text(template.chain, template.name, template), encoding="utf-8")
+        chain = chain_of(template.chain.configuration)  # which counts as the generator's machines do
+        other.write_text(machine_text(chain, template.name, template), encoding="utf-8")
         return {"sheet": answer_of(folder, folder / "machine.toml", row), "template": answer_of(folder, other, row)}
 
 

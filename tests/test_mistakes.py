@@ -3,22 +3,29 @@
 The traces are those of the example campaigns, which another simulation than mjsim's has made.
 """
 
+import itertools
 import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from commands import as_json, cut, ok, refused
+from independent import bank
+from independent import campaign as generator
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.errors import InputError
+from mjsim.estimation.mistakes.checked_problem import checked_problem
 from mjsim.estimation.mistakes.mistakes import UNITS, corrected, unit_of
 from mjsim.estimation.mistakes.recognise import recognise
+from mjsim.estimation.mistakes.sense import with_other_sense
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.ball_bar.span import explain
 from mjsim.io.resources import examples
+from mjsim.machine.model import build
 from mjsim.workflow.check import check
 
 #: What is wrong with the machine of each example is in its README; none of it is a mistake of the user's.
@@ -304,3 +311,35 @@ def test_another_feed_is_not_taken_for_exchanged_traces(folder):
     refused(folder, ["compare", folder], "set feed_mm_min = 1000", "unless it is the trace of test")
     (m,) = check(folder).mistakes
     assert m.kind == "feed" and m.factor * 60e3 == pytest.approx(1000.0)
+
+
+@pytest.fixture(scope="module")
+def real_machine(tmp_path_factory):
+    """A machine of the independent generator, with small errors of every kind; one of its tests is a cone."""
+    folder = tmp_path_factory.mktemp("real")
+    generator.write(next(itertools.islice(bank.real(), 3, None)), folder)
+    campaign = read_campaign(folder)
+    return campaign, read_machine(campaign.machine_file)
+
+
+def in_other_sense(campaign, machine, axis):
+    """The same files with the other sense of one axis in the machine file."""
+    other = with_other_sense(machine, axis)
+    return replace(campaign, tests=tuple(replace(t, chain=other.chain) for t in campaign.tests)), other
+
+
+def test_the_wrong_sense_of_an_axis(real_machine):
+    """Tests from one position of C to another tell it; C is right as given, and no test goes from a place of A."""
+    campaign, machine = real_machine
+    assert recognise(campaign, machine).mistakes == ()
+    assert recognise(*in_other_sense(campaign, machine, "A")).mistakes == ()
+    (m,) = recognise(*in_other_sense(campaign, machine, "C")).mistakes
+    assert (m.kind, m.axis, m.certain) == ("sense", "C", False)
+    assert set(m.tests) == {t.name for t in campaign.measured if t.kind == "rotary"}
+    assert 'sense = "opposite" in [axis.C] of the machine file' in m.sentence and "run the other way" in m.sentence
+
+
+def test_a_command_refuses_the_wrong_sense(real_machine):
+    campaign, machine = in_other_sense(*real_machine, "C")
+    with pytest.raises(InputError, match=r"C counts the other way .* which one, only you can tell"):
+        checked_problem(campaign, build(machine), machine=machine)

@@ -570,9 +570,8 @@ def test_w_of_a_bridge_mill_moves_the_tool_along_itself(tmp_path):
     def read(text):
         return parse_nc(text, tmp_path / "p.ngc", "linuxcnc", chain=chain, ini=tmp_path / "mill.ini")
 
-    nc = read(
-        "#1=-7\nT1 M6 G43\nG53 G0 Z0\nG10 L20 P0 Z0\nG0 X10 Y20 Z30 B0 C0 W0\nG0 B-35 C50\nG1 W#1 F100\nG0 W3\nG1 Z31 W3\nM2\n"
-    )
+    zero = "#1=-7\nT1 M6 G43\nG53 G0 Z0\nG10 L20 P0 Z0\n"
+    nc = read(zero + "G0 X10 Y20 Z30 B0 C0 W0\nG0 B-35 C50\nG1 W#1 F100\nG0 W3\nG1 Z31 W3\nM2\n")
     p, t = np.radians(180.0 + 35.0), np.radians(50.0)
     ray = np.array([np.sin(p) * np.cos(t), np.sin(p) * np.sin(t), np.cos(p)])
     for (x, y, z), w, at in (((10, 20, -70), -7, 1), ((10, 20, -70), 3, 2), ((10, 20, -69), 3, 3)):

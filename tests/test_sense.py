@@ -27,7 +27,7 @@ from mjsim.estimation.effect_file import _chain_text
 from mjsim.importing.logs import import_log
 from mjsim.instruments.ball_bar.kinds import KINDS, able_kinds, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.ball_bar.program import Program, driven_by
 from mjsim.io.resources import examples
 from mjsim.linuxcnc import configuration
 from mjsim.linuxcnc.configuration import Settings, kinematics, write_configuration
@@ -430,3 +430,19 @@ def test_linuxcnc_is_told_the_sense(modules, tmp_path):
     assert kinematics(FIVE_AXIS, True)
     with pytest.raises(InputError, match=r"has no pin conventional-directions.*allowed: LinuxCNC 2.10 or later"):
         kinematics(iso, True)
+
+
+# -- a wrong sense in the machine file ---------------------------------------------------------------------------------
+
+
+def test_a_program_of_the_other_sense_names_the_axis(tmp_path):
+    """Its positions belong to the test in one sense only."""
+    chain = read_machine(examples() / "hidden-backlash" / "machine.toml").chain
+    test = next(t for t in read_campaign(examples() / "hidden-backlash").tests if t.name == "cone15-x50-ccw")
+    text = nc_program(test, Options("linuxcnc", step_deg=1.0)).text
+    nc = parse_nc(text, tmp_path / "cone.ngc", "linuxcnc", chain=chain)
+    turned = replace(test, chain=other(chain, "C"))
+    again = parse_nc(text, tmp_path / "cone.ngc", "linuxcnc", chain=turned.chain)
+    assert driven_by(test, nc.motion, "cone.ngc").commanded is nc.motion
+    with pytest.raises(InputError, match=r'C counted the other way, .*: sense = "opposite" of \[axis.C\] in the'):
+        driven_by(turned, again.motion, "cone.ngc")

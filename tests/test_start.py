@@ -61,6 +61,23 @@ def test_a_template_a_number_and_a_trace_make_a_campaign(draft, tmp_path):
     assert "# assumed" in (folder / "machine.toml").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("template", ["trunnion-a-medium", "nutating-table-small"])
+def test_the_sense_of_an_axis_is_chosen(draft, template):
+    """The file says it in the words of one that was written so, and is the same again after the way back."""
+    draft.choose_template(template)
+    file = draft.folder / "machine.toml"
+    before = file.read_text()
+    for axis in draft.machine.chain.rotary:
+        draft.set_sense(axis, "opposite")
+        assert draft.machine.chain.sense(axis) == "opposite"
+        assert f"{axis}+ turns the workpiece counter-clockwise, seen against" in file.read_text()
+        draft.set_sense(axis, "iso")
+    assert file.read_text() == before
+    file.write_text(before.replace("CHANGE", "mine"))  # a file that was edited
+    draft.set_sense("C", "opposite")
+    assert draft.machine.chain.senses == draft.machine.chain.senses.replace("C iso", "C opposite")
+
+
 def test_the_tests_of_a_campaign_file_wait_for_their_traces(draft, tmp_path):
     source = cut(tmp_path / "given")
     names = [str(t["name"]) for t in tomlkit.parse((source / "campaign.toml").read_text())["test"]]
@@ -192,6 +209,12 @@ def test_a_log_whose_header_says_nothing(draft):
     dropped = draft.files["run.csv"]
     assert dropped.test == "run" and not dropped.problem and "X command in mm" in dropped.columns
     assert [t.name for t in read_campaign(draft.folder).measured] == ["run"] and draft.tests[0]["axes"] == ["X"]
+
+
+def test_a_log_among_traces_is_pointed_out(draft):
+    rows = "".join(f"{i / 100},{i},{i - 0.1}\n" for i in range(9))
+    said = draft.drop("x.csv", f"time_s,X_command_mm,X_actual_mm\n{rows}".encode())
+    assert said == "x.csv: which test is it? If the control recorded it, choose the control in step 2."
 
 
 def test_a_file_name_and_a_header_suggest_keys(tmp_path):

@@ -145,7 +145,7 @@ def tell(
 
 def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: int, progress: Progress):
     """All measured tests count, so that the nuisances, and the residual, are those of ``mjsim compare``."""
-    problem = checked_problem(campaign, build(machine), threads)
+    problem = checked_problem(campaign, build(machine), threads, machine=machine)
     progress("simulating", 0, len(problem.tests))
     whole, begin = phased_at(problem, machine)
     done = counted(progress, "simulating", len(problem.tests))

@@ -10,7 +10,7 @@ from mjsim.errors import InputError
 from mjsim.instruments.axis_log.files import read_recording
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.commanded import Commanded
-from mjsim.instruments.ball_bar.follow import RANGE
+from mjsim.instruments.ball_bar.follow import RANGE, counted_otherwise
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import driven_by
 from mjsim.instruments.ball_bar.tables import BallBarTable
@@ -108,9 +108,11 @@ def on_path(motion: Commanded, test: BallBarTest, path: Path) -> Commanded:
     moves = np.abs(np.diff(motion.points, axis=0)).max(axis=1, initial=0.0) > 1e-12
     on = np.flatnonzero(moves & near[1:] & near[:-1])
     if not len(on):
+        otherwise = counted_otherwise(test, motion.points[1:][moves])
         raise InputError(
             f'{path}: is no record of test "{test.name}": nothing moves while the balls are {test.length * 1e3:g} mm '
             f"apart; allowed: a record of this test, with the zero point of its program"
+            + (f" (with {otherwise})" if otherwise else "")
         )
     stops = np.flatnonzero(np.diff(motion.knots[on]) > _STOP) + 1
     part = max(np.split(on, stops), key=len)

@@ -96,10 +96,12 @@ class Layout:
 
     @property
     def placements(self) -> tuple[tuple[str, Placement], ...]:
-        """Rotary axes, which count as ISO 841 says or about the direction in which they lean."""
+        """Rotary axes, all of which count as ISO 841 says."""
+        chain = chain_of(self.configuration)
+        lean = {True: Placement((0.0, 1.0, 1.0)), False: Placement((0.0, -1.0, -1.0))}
         return tuple(
-            (a.letter, Placement((0.0, 1.0, 1.0)) if self.leaning and not a.vertical else Placement(sense=SENSES[0]))
-            for a in chain_of(self.configuration).axes
+            (a.letter, lean[a in chain.tool] if self.leaning and not a.vertical else Placement(sense=SENSES[0]))
+            for a in chain.axes
             if a.rotary
         )
 

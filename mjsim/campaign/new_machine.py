@@ -135,7 +135,7 @@ def machine_text(
             f"[identify]\nfactor = {FACTOR:g}\n\n"
         )
     for axis in (a for a in chain.axes if a.rotary):
-        out.append(_axis_table(chain, axis))
+        out.append(axis_table(chain, axis))
     for axis in chain.axes:
         lifts = not axis.rotary and axis.along == 2
         if template is None:
@@ -184,18 +184,26 @@ def _template_drive(template: MachineTemplate, axis: Axis, lifts: bool, position
     return _OF_TEMPLATE.format(axis=axis.letter, gear=gear, meaning=_MEANING[key], gravity=gravity, **typical)
 
 
-def _axis_table(chain: Chain, axis: Axis) -> str:
+def turns_of(chain: Chain, letter: str) -> tuple[str, ...]:
+    """How a positive position turns what a rotary axis carries, in words, in each of the senses."""
+    axis = chain.axis(letter)
+    carried = "tool" if axis in chain.tool else "workpiece"
+    ways = ("counter-clockwise", "clockwise") if axis in chain.tool else ("clockwise", "counter-clockwise")
+    return tuple(f"{letter}+ turns the {carried} {way}, seen against {COORDINATES[axis.along]}+" for way in ways)
+
+
+def axis_table(chain: Chain, axis: Axis) -> str:
     """In which sense a rotary axis counts, and where it is; that is commented out at its nominal place."""
     pivot = chain.tool_length if axis in chain.tool else 0.0
     offset = [round(v / MM, 9) + 0.0 for v in (axis.point[0], axis.point[1], axis.point[2] - pivot)]
     away = "# " if not axis.tilted and not any(offset) else ""
     start = "the pivot of the head" if axis in chain.tool else "the origin of the work frame"
-    own, carried = chain.sense(axis.letter), "tool" if axis in chain.tool else "workpiece"
+    own = chain.sense(axis.letter)
     sense, other = f'sense = "{own}"', SENSES[own == SENSES[0]]
-    way, coordinate = "counter-clockwise" if axis.ccw > 0.0 else "clockwise", COORDINATES[axis.along]
+    turns = turns_of(chain, axis.letter)[SENSES.index(own)]
     return (
         f"[axis.{axis.letter}]\n"
-        f'{sense:<38} # {axis.letter}+ turns the {carried} {way}, seen against {coordinate}+; or "{other}"; CHANGE\n'
+        f'{sense:<38} # {turns}; or "{other}"; CHANGE\n'
         f"{away}direction = [{', '.join(f'{v:.10g}' for v in axis.unit)}]    # of its centreline, all axes at 0\n"
         f"{away}offset_mm = [{', '.join(f'{v:g}' for v in offset)}]    # of the centreline from {start}\n\n"
     )

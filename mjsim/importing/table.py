@@ -289,6 +289,8 @@ def _layout(path: Path, body: list[str], separator: str | None, decimal: str | N
         if (mixed := _with_text(look, separator, decimal)) is not None:
             return mixed
         near = look[0].strip()[:60] if look else ""
+        if best:
+            raise InputError(f"{path}: {best} row{'s' * (best > 1)} of numbers; allowed: at least 3, below any header")
         raise InputError(
             f"{path}: no table of numbers found ({len(look)} lines, first {near!r}); allowed: rows of numbers "
             f"below any header"

@@ -132,7 +132,7 @@ def _single(
     else:
         final = machine
         if bars:
-            problem = checked_problem(campaign, model.build(machine), threads)
+            problem = checked_problem(campaign, model.build(machine), threads, machine=machine)
             compared = compare_bars(campaign, machine, threads, progress, problem)
             content = build.compared(problem, compared, threads, progress, day, parts)
     left = [n for n in campaign.measured_parts if n not in sections and not INSTRUMENTS[n].in_motion]

@@ -112,7 +112,7 @@ def add(
     campaign = _with_traces(campaign)
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
-    problem = checked_problem(campaign, build(machine), threads)
+    problem = checked_problem(campaign, build(machine), threads, machine=machine)
     progress("fitting", 0, 1)
     fitted_effect, ci95 = best_effect(problem, machine, cls, subjects)
     if source is not None:

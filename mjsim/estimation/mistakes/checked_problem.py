@@ -12,6 +12,7 @@ from mjsim.estimation.mistakes.recognise import find_mistakes
 from mjsim.estimation.problem import Problem
 from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.base import INSTRUMENTS
+from mjsim.machine.model import Machine
 from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread
 
@@ -24,6 +25,7 @@ def checked_problem(
     block: float | None = None,
     keep_motions: bool = True,
     settings: DiagnosisSettings = DIAGNOSIS,
+    machine: Machine | None = None,
 ) -> Problem:
     """A problem whose traces were looked at, without disturbances. A campaign that is to be taken ``as_is`` is not
     looked at.
@@ -35,6 +37,7 @@ def checked_problem(
         block: Length of an averaging block, s; otherwise by the tests' feeds.
         keep_motions: Without it, a test's motions are kept for one model only: a fifth of the memory.
         settings: What decides in a diagnosis.
+        machine: As given, where the sense of its axes is to be looked at too.
 
     Raises:
         InputError: The data say that a sign, a unit, a direction or the order of traces is wrong.
@@ -43,7 +46,7 @@ def checked_problem(
     readings = problem.readings(plant)
     if not campaign.as_is:
         _refuse_own(problem.campaign)
-        refuse(campaign, find_mistakes(problem, plant, readings).mistakes)
+        refuse(campaign, find_mistakes(problem, plant, readings, machine=machine).mistakes)
     return without_disturbances(problem, readings)
 
 
@@ -79,7 +82,7 @@ def refuse(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> None:
     more = f"; and {len(mistakes) - 2} more" if len(mistakes) > 2 else ""
     remedy = (
         "which one, only you can tell"
-        if any(m.either for m in mistakes)
+        if any(not m.certain for m in mistakes)
         else f"`mjsim check {campaign.folder} --fix NEW-FOLDER` writes a corrected copy"
     )
     raise InputError(

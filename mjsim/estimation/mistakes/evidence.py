@@ -29,7 +29,7 @@ _SHIFTS = np.arange(-12, 13) * GRID
 _NOISE = 0.1e-6
 #: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far
 #: from their priors.
-_REST, _POINTS = 1e-6, 50.0
+REST, POINTS = 1e-6, 50.0
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,10 @@ def disagreement(parts: list[tuple[Variant, Samples, float]]) -> float:
         d = (factor * s.mean - modelled)[s.good]
         columns, d = columns - q @ (q.T @ columns), d - q @ (q.T @ d)
         rows.append((columns, d))
-        weight = _POINTS / max(1, len(d))
+        weight = POINTS / max(1, len(d))
         a += weight * columns.T @ columns
         b += weight * columns.T @ d
-    x = ridge_solution(a, b, _REST**2)
+    x = ridge_solution(a, b, REST**2)
     for columns, d in rows:
         total += float(np.sum((d - columns @ x) ** 2))
         count.append(len(d))

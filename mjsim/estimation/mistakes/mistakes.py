@@ -22,12 +22,13 @@ class Mistake:
     """One thing that is wrong with the files.
 
     Attributes:
-        kind: sign, unit, sign_and_unit, direction, swapped, or one of
+        kind: sign, unit, sign_and_unit, direction, swapped, sense, or one of
             :class:`~mjsim.instruments.ball_bar.span.ClockMistake`.
         tests: names of the tests that have it. every: whether these are all.
         factor: what the readings have to be multiplied with; of the clock's mistakes their value.
         unit: what the readings are in, where that is the mistake. evidence: why, for the user.
         either: one of the tests has it, and the data do not say which.
+        axis: that counts the other way, where that is the mistake. remedy: what the machine file has to say then.
     """
 
     kind: str
@@ -37,11 +38,13 @@ class Mistake:
     factor: float = 1.0
     unit: str = ""
     either: bool = False
+    axis: str = ""
+    remedy: str = ""
 
     @property
     def certain(self) -> bool:
         """Whether there is one way to put it right."""
-        return not self.either and self.kind != "unclear"
+        return not self.either and self.kind not in ("unclear", "sense")
 
     @property
     def where(self) -> str:
@@ -64,6 +67,11 @@ class Mistake:
         elif self.kind == "direction":
             who = "every test was" if self.every else f"{_names(self.tests, 'or' if self.either else 'and')} was"
             what = f"{who} run in the other direction: exchange CCW and CW"
+        elif self.kind == "sense":
+            what = (
+                f"{self.axis} counts the other way than the machine file says: {self.remedy}, or "
+                f"{_names(self.tests, 'and')} {'were' if len(self.tests) > 1 else 'was'} run the other way round"
+            )
         elif self.kind != "swapped":
             return f"{self.where}: {self.evidence}"
         else:
@@ -81,6 +89,7 @@ class Mistake:
             "either": self.either,
             "factor": self.factor,
             "unit": self.unit or None,
+            "axis": self.axis or None,
             "evidence": self.evidence,
             "sentence": self.sentence,
         }

@@ -16,6 +16,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.estimation.mistakes.evidence import Spikes, Variant
 from mjsim.estimation.mistakes.mistakes import Mistake, unit_of
+from mjsim.estimation.mistakes.sense import sense_mistakes
 from mjsim.estimation.mistakes.settings import MISTAKES, MistakeSettings
 from mjsim.estimation.mistakes.single import single_mistakes
 from mjsim.estimation.mistakes.state import State
@@ -56,15 +57,20 @@ def recognise(campaign: Campaign, machine: Machine, threads: int = 2, settings: 
     """
     plant = build(machine)
     problem = Problem.of(campaign, plant, threads, keep_motions=False)
-    return find_mistakes(problem, plant, problem.readings(plant), settings)
+    return find_mistakes(problem, plant, problem.readings(plant), settings, machine)
 
 
 def find_mistakes(
-    problem: Problem, plant: Plant, readings: list[np.ndarray], settings: MistakeSettings = MISTAKES
+    problem: Problem,
+    plant: Plant,
+    readings: list[np.ndarray],
+    settings: MistakeSettings = MISTAKES,
+    machine: Machine | None = None,
 ) -> Findings:
     """The same for a problem whose samples are as given, with the plant of the machine as given and its readings.
 
-    Tests without a ball bar are left out: their instrument looks for its own mistakes.
+    The sense of the axes is looked at where the machine is given too. Tests without a ball bar are left out: their
+    instrument looks for its own mistakes.
     """
     bars = [k for k, t in enumerate(problem.tests) if not t.component]
     if not bars:
@@ -85,8 +91,15 @@ def find_mistakes(
         return other[k]
 
     everywhere = _shared_mistake(state, given, reversed_run)
-    mistakes = (everywhere,) if everywhere else tuple(single_mistakes(state, reversed_run))
+    senses = sense_mistakes(state, machine) if machine is not None and not everywhere else []
+    mistakes = (everywhere,) if everywhere else (*senses, *_others(state, senses, reversed_run))
     return Findings(mistakes, tests)
+
+
+def _others(state: State, senses: list[Mistake], reversed_run: Callable[[int], Variant]) -> list[Mistake]:
+    """Mistakes of single tests, of those whose motion the sense of an axis leaves alone."""
+    known = {name for m in senses for name in m.tests}
+    return [m for m in single_mistakes(state, reversed_run) if not known & set(m.tests)]
 
 
 def _shared_mistake(state: State, given: list[Spikes], reversed_run: Callable[[int], Variant]) -> Mistake | None:

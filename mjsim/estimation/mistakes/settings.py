@@ -23,6 +23,9 @@ class MistakeSettings:
         setup_disagrees: A set-up whose tests disagree by more than this has a mistake in it, m (mistakes).
         setup_share: Corrected, they must disagree by less than this share of it (mistakes).
         setup_agrees: Corrected, they must agree within this, m (mistakes).
+        independent: Independent values in what a model leaves of one path: sine and cosine of two waves (assumed).
+        wrong_sense: How often the sense of an axis is wrong in a machine file, before the data (assumed).
+        sure: Probability from which a wrong sense is named.
         visible_spike: A model's spikes are visible from this RMS on, m: about the noise that is as sharp (mistakes).
     """
 
@@ -37,6 +40,9 @@ class MistakeSettings:
     setup_disagrees: float = 3e-6
     setup_share: float = 0.2
     setup_agrees: float = 3e-6
+    independent: float = 4.0
+    wrong_sense: float = 0.05
+    sure: float = 0.95
     visible_spike: float = 0.06e-6
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.feed import ACCELERATION, trapezoid
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.chain import SENSES
 from mjsim.machine.kinematics import reading
 from mjsim.units import DEG, MM, UM
 
@@ -129,6 +131,30 @@ def own_path(test: BallBarTest, motion: Commanded, name: str) -> Commanded:
     return replace(own, cutting=None, stops=None)
 
 
+def counted_otherwise(test: BallBarTest, axes: np.ndarray) -> str:
+    """Rotary axes with whose positions counted the other way the balls keep their distance along most of a motion, for
+    a message; empty where there are none.
+
+    Args:
+        test: The test.
+        axes: (n, axes) positions, m and rad.
+    """
+    for count in range(1, len(test.chain.rotary) + 1):
+        for letters in combinations(test.chain.rotary, count):
+            turned = axes.copy()
+            turned[:, [test.chain.index(a) for a in letters]] *= -1.0
+            off = reading(test.chain, turned, np.asarray(test.table_ball), test.length)
+            if np.median(np.abs(off)) <= RANGE:
+                senses = " and ".join(
+                    f'sense = "{SENSES[test.chain.sense(a) == SENSES[0]]}" of [axis.{a}]' for a in letters
+                )
+                return (
+                    f"{' and '.join(letters)} counted the other way, the balls keep their distance: {senses} in the "
+                    "machine file, if the control counts so"
+                )
+    return ""
+
+
 def check_path(test: BallBarTest, motion: Commanded, span: tuple[float, float], name: str) -> np.ndarray:
     """Refuse a program that is none of this test; φ (n + 1,) rad at its points.
 
@@ -143,11 +169,13 @@ def check_path(test: BallBarTest, motion: Commanded, span: tuple[float, float], 
     off = reading(test.chain, axes, np.asarray(test.table_ball), test.length)
     worst = int(np.argmax(np.abs(off)))
     if abs(off[worst]) > RANGE:
+        otherwise = counted_otherwise(test, axes)
+        signs = f"check the test, its table ball, the zero point, and the signs of {' and '.join(test.chain.rotary)}"
         raise InputError(
             f'{name}: is no program of test "{test.name}": at point {worst + 1} of {len(axes)} the balls are '
             f"{(test.length + off[worst]) / MM:.3f} mm apart; allowed: the bar's {test.length / MM:g} ± "
             f"{RANGE / MM:g} mm "
-            f"(check the test, its table ball, the zero point, and the signs of {' and '.join(test.chain.rotary)})"
+            f"({f'with {otherwise}' if otherwise else signs})"
         )
     phi, (first, last) = unwrapped(test, axes), span
     sign = np.sign(last - first)

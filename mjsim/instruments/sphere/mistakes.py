@@ -14,7 +14,7 @@ import numpy as np
 
 from mjsim.instruments.base import Mistake
 from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest
-from mjsim.machine.chain import COORDINATES, Chain, chain_of
+from mjsim.machine.chain import COORDINATES, SENSES, Chain, chain_of
 from mjsim.machine.kinematics import Geometry, bar_vector
 from mjsim.units import DEG, MM, UM
 
@@ -73,7 +73,11 @@ def _other_positions(test: SphereTest, q: np.ndarray) -> Iterator[tuple[str, Sph
     for i in range(chain.count):
         turned = q.copy()
         turned[:, i] = -turned[:, i]
-        yield f"the sign of {letters[i]} is turned; turn it in the file", test, turned
+        words = f"the sign of {letters[i]} is turned; turn it in the file"
+        if chain.is_rotary(letters[i]):
+            other = SENSES[chain.sense(letters[i]) == SENSES[0]]
+            words += f', or write sense = "{other}" for [axis.{letters[i]}] in the machine file'
+        yield words, test, turned
     for i, j in itertools.combinations(range(chain.count), 2):
         if chain.is_rotary(letters[i]) == chain.is_rotary(letters[j]):
             swapped = q.copy()

@@ -22,8 +22,9 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import MachineTemplate, template_named
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.new import check_new_folder, planned_text
-from mjsim.campaign.new_machine import check_position_gain, log_campaign_text, machine_text
+from mjsim.campaign.new_machine import axis_table, check_position_gain, log_campaign_text, machine_text
 from mjsim.errors import InputError
+from mjsim.estimation.mistakes.sense import with_other_sense
 from mjsim.importing.b5r import looks_like_xml
 from mjsim.importing.b5r_runs import read_recorded
 from mjsim.importing.features import import_features, read_features
@@ -31,8 +32,10 @@ from mjsim.importing.formats import read_any
 from mjsim.importing.header import test_keys
 from mjsim.importing.importer import ImportedTrace, import_traces
 from mjsim.importing.into_campaign import test_name
+from mjsim.importing.log_columns import columns_of
 from mjsim.importing.logs import ImportedLog, import_log
 from mjsim.importing.reading import Options
+from mjsim.importing.table import Table
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -142,6 +145,31 @@ class Draft:
         for (axis, key), value in numbers.items():
             if drives[axis].get(key) != value:
                 drives[axis][key] = value
+        self._put_machine(tomlkit.dumps(document))
+
+    def set_sense(self, axis: str, sense: str) -> None:
+        """Say in which sense a rotary axis counts.
+
+        Args:
+            axis: Its letter.
+            sense: One of :data:`mjsim.machine.chain.SENSES`.
+
+        Raises:
+            InputError: The tests that are there do not fit it.
+        """
+        machine, text = self._machine(), read_text(self.folder / "machine.toml")
+        if sense == machine.chain.sense(axis):
+            return
+        chain = with_other_sense(machine, axis).chain
+        old, new = (axis_table(c, c.axis(axis)) for c in (machine.chain, chain))
+        if old in text:
+            self._put_machine(text.replace(old, new))
+            return
+        document: Any = tomlkit.parse(text)  # a file of the user's
+        table = document.setdefault("axis", tomlkit.table(True)).setdefault(axis, tomlkit.table())
+        if "direction" in table:
+            table["direction"] = [-float(v) or 0.0 for v in table["direction"]]
+        table["sense"] = sense
         self._put_machine(tomlkit.dumps(document))
 
     def _put_machine(self, text: str) -> None:
@@ -369,7 +397,15 @@ class Draft:
         if name in [t["name"] for t in self.tests]:
             self.bring_in(path.name, name)
             return f"{path.name}: the trace of {name}."
-        return f"{path.name}: which test is it?"
+        log = " If the control recorded it, choose the control in step 2." if self._is_log(table) else ""
+        return f"{path.name}: which test is it?{log}"
+
+    def _is_log(self, table: Table) -> bool:
+        """Whether the header of a file names commands of axes."""
+        try:
+            return bool(columns_of(table, self._machine().chain, (), Options()))
+        except InputError:
+            return False
 
     def _drop_log(self, path: Path) -> str:
         table = read_any(path, Options())

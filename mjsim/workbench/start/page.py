@@ -15,11 +15,13 @@ from nicegui.events import UploadEventArguments
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES
 from mjsim.campaign.new import BALL_BAR
+from mjsim.campaign.new_machine import turns_of
 from mjsim.errors import InputError, SimulationError
 from mjsim.estimation.planning.whole_campaign import CampaignPlan, CampaignPlanner, told_sentences
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import CIRCULAR
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.chain import SENSES
 from mjsim.units import DEG, MM, UM
 from mjsim.workbench.start.draft import INSTRUMENTS, Draft, Dropped
 from mjsim.workbench.start.preview import preview_of_series, preview_of_trace
@@ -278,6 +280,22 @@ class StartPage:
                         fields[axis, key] = ui.number(f"{axis}: {words}", value=float(f"{value:.6g}")).props("dense")
             for number in fields.values():
                 number.on("change", lambda _: self._set_drives(fields))
+            if machine.chain.rotary:
+                ui.label("Turn each axis by +10° by hand and look, or see the control's parameters:")
+                with ui.element("div").classes("row"):
+                    for axis in machine.chain.rotary:
+                        words = dict(zip(SENSES, turns_of(machine.chain, axis), strict=True))
+                        ui.select(
+                            words,
+                            value=machine.chain.sense(axis),
+                            label=f"Sense of {axis}",
+                            on_change=lambda e, axis=axis: self._set_sense(axis, e.value),
+                        ).classes("wide")
+
+    async def _set_sense(self, axis: str, sense: str) -> None:
+        await self._try(self._machine_said, lambda: self.draft.set_sense(axis, sense))
+        self._planner = self._plan = None
+        self._draw_tests()
 
     async def _set_drives(self, fields: dict[tuple[str, str], ui.number]) -> None:
         numbers = {at: float(f.value) for at, f in fields.items() if f.value not in (None, "")}

@@ -54,7 +54,7 @@ class TraceForm:
             self.feed = self._number("Feed, mm/min", "feed_mm_min", last, 1000.0)
             self.setup = ui.input("Set-up (a word)", value=str(last.get("setup", "first"))).classes("short")
         with ui.element("div").classes("row"):
-            self.unit = ui.select(list(_UNITS), value=_UNITS[0], label="Unit of the deviation").classes("short")
+            self.unit = ui.select(list(_UNITS), value=_UNITS[0], label="Unit of the deviation").style("width: 190px")
             self.sign = ui.select(["outward", "inward"], value="outward", label="Positive is").classes("short")
             button = ui.button("use it", on_click=lambda: self.bring(self._bring)).props("no-caps dense")
             button.props(f'aria-label="use {file}"')

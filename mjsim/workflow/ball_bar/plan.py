@@ -62,7 +62,7 @@ def plan_bars(
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
         return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress, settings.plan)
     progress("preparing", 0, 1)
-    problem = checked_problem(campaign, build(machine), threads, settings=settings)
+    problem = checked_problem(campaign, build(machine), threads, settings=settings, machine=machine)
     separated = separate(problem, machine)
     if between is None:
         explained = explain(separated, progress)
