@@ -240,7 +240,8 @@ def show(result, campaign) -> None:
     """A plan as text: the verdict, the test as a table for campaign.toml, the runners-up, what to do next."""
     from mjsim.instruments.base import table_of
 
-    data, name = result.to_json(), result.best.test.name
+    data, name = result.to_json(), result.best.test.recording
+    noun, how = INSTRUMENTS[result.best.test.instrument].noun, "--points " if result.best.test.component else ""
     a, b = data["between"]
     verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
     aim = f"whether the machine has {a}" if b == "nothing" else f"between {a} and {b}"
@@ -269,8 +270,8 @@ def show(result, campaign) -> None:
     common.next_steps(
         f"Paste the table above into {campaign}/campaign.toml.",
         f"mjsim nc {campaign} --test {name} -o {name}.nc",
-        "Run the program on the machine, and record it with the ball bar.",
-        f"mjsim import FILE --campaign {campaign} --test {name}",
+        f"Run the program on the machine, and record it with the {noun}.",
+        f"mjsim import FILE --campaign {campaign} {how}--test {name}",
         f"mjsim diagnose {campaign}",
     )
 

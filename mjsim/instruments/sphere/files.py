@@ -154,8 +154,8 @@ def _check_header(path: Path, names: list[str], test: SphereTest) -> None:
     allowed = [*need, *MORE, *(f"from_{a}" for a in test.chain.rotary)]
     if "time_s" in names and not any(n in names for n in need[: test.chain.count]):
         raise InputError(
-            f"{path}, line 1: there are no positions of axes, as in the recording of an R-test along a motion; "
-            f"allowed: one row a point, with the columns {', '.join(need)}"
+            f"{path}, line 1: there are no positions of axes, as in the recording of an R-test along a motion, which "
+            f'has kind = "r_test"; allowed: one row a point, with the columns {", ".join(need)}'
         )
     check_columns(path, names, allowed)
     for name in need:
