@@ -56,24 +56,31 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     return write_new(contents)
 
 
-def planned_text(name: str, tests: Sequence[dict[str, Any]]) -> str:
+def planned_text(name: str, tests: Sequence[dict[str, Any]], instrument: dict[str, float] | None = None) -> str:
     """A campaign.toml of tests that are not measured yet.
 
     Args:
         name: of the campaign.
         tests: their tables, in the order of measuring; there may be none yet.
+        instrument: numbers of the ball bar, as in its table; an ordinary one's when missing.
     """
-    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), **BALL_BAR)
+    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), **(BALL_BAR | (instrument or {})))
     return text + "".join("\n[[test]]\n" + tomlkit.dumps(t).rstrip() + "\n" for t in tests)
 
 
-def new_planned_campaign(folder: str | Path, machine_file: str, tests: Sequence[dict[str, Any]]) -> list[Path]:
+def new_planned_campaign(
+    folder: str | Path,
+    machine_file: str,
+    tests: Sequence[dict[str, Any]],
+    name: str | None = None,
+) -> list[Path]:
     """Start a campaign of planned tests: campaign.toml, machine.toml and a folder for the traces; all, or nothing.
 
     Args:
         folder: new, or empty.
         machine_file: text of the machine file.
         tests: tables of the tests.
+        name: of the campaign; the folder's when missing.
 
     Returns:
         The files.
@@ -82,7 +89,7 @@ def new_planned_campaign(folder: str | Path, machine_file: str, tests: Sequence[
         InputError: the folder holds something already, or cannot be written.
     """
     folder = Path(folder)
-    name = check_new_folder(folder, None, "campaign")
+    name = check_new_folder(folder, name, "campaign")
     contents = {
         folder / "campaign.toml": planned_text(name, tests),
         folder / "machine.toml": machine_file,
