@@ -23,7 +23,7 @@ from mjsim.workflow import at_rest, plan_at_rest
 from mjsim.workflow.diagnose import diagnose
 from mjsim.workflow.finding import DiagnosedEffect
 from mjsim.workflow.plan import plan
-from mjsim.workflow.plan_targets import plan_targets
+from mjsim.workflow.plan_positions import plan_targets
 from tests.independent import positions, routes, sphere
 from tests.independent.kinematics import MICRO
 

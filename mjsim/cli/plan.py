@@ -9,7 +9,6 @@ import click
 from mjsim.cli import common
 from mjsim.digits import expanded
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.machine.chain import is_rotary
 from mjsim.units import unit_of
 
 #: JSON of a plan where nothing is to be separated.
@@ -118,7 +117,7 @@ def command(
         raise click.UsageError("--targets excludes --sphere and --between")
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     if targets is not None:
-        from mjsim.workflow.plan_targets import plan_targets
+        from mjsim.workflow.plan_positions import plan_targets
 
         aim = plan_targets(c, m, targets, {a: (low, high) for a, low, high in ranges}, points)
         if not common.answered(aim.to_json()):
@@ -126,7 +125,7 @@ def command(
         return
     if points is not None:
         from mjsim.units import DEG, MM
-        from mjsim.workflow.plan_points import plan_points
+        from mjsim.workflow.plan_positions import plan_points
 
         if between is not None:
             raise click.UsageError("--points and --between exclude each other")
@@ -184,7 +183,7 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
         tests = list(possible_motions(m)) if instrument == SphereReading.instrument else None
         plan = CampaignPlanner(m, common.cores(threads), progress, tests=tests).plan(time)
     data = plan.to_json()
-    files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument)
+    files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument=instrument)
     if common.answered(data | {"files": [str(f) for f in files]}):
         return
     show_new(data)
@@ -396,46 +395,63 @@ def _effect(row: dict) -> str:
 def show_points(planned, campaign: str) -> None:
     """Positions to probe as text: what they bring, the table, what to do next."""
     data = planned.to_json()
-    rows = []
-    for row in data["location_errors"]:
-        unit = "µrad" if is_rotary(row["id"].partition(".")[2][1]) else "µm"
-        rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
     common.paragraph(
         f"{data['points']} points, each from a stated side, some with the spindle turned. With a noise of "
         f"{planned.noise * 1e6:g} µm for one centre, the location errors will be known so (95 %):"
     )
-    common.table(["location error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
-    click.echo(f"\n{_toml(data['test'])}")
-    name = data["test"]["name"]
-    common.next_steps(
-        f"Put the table above into {campaign}/campaign.toml"
-        + (f", in the place of that of {name}." if planned.there else "."),
-        f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the positions as a table.",
+    _show_known("location error", data["location_errors"])
+    there = f", in the place of that of {data['test']['name']}" if planned.there else ""
+    _show_positions(
+        data["test"],
+        campaign,
+        f"{there}.",
+        "the positions as a table",
         "Probe the sphere at each of them; write dx_um, dy_um, dz_um beside it.",
-        f"mjsim import FILE --campaign {campaign} --points --test {name}",
-        f"mjsim diagnose {campaign}",
     )
 
 
 def show_targets(planned, campaign: str) -> None:
     """Planned targets as text: what they bring, the table, what to do next."""
-    data = planned.to_json()
+    data, channel = planned.to_json(), planned.test.channel
     common.paragraph(
-        f"{data['targets']} targets, {data['test']['runs']} runs from each side. With a noise of {planned.noise:g} "
-        f"{planned.unit} for one reading, this will be known so (95 %):"
+        f"{data['targets']} targets, {data['test']['runs']} runs from each side. With a noise of "
+        f"{planned.noise / channel.size:g} {channel.unit} for one reading, this will be known so (95 %):"
     )
-    rows = []
-    for row in data["known"]:
-        unit = unit_of(row["parameter"])[1]
-        rows.append([row["id"], unit, *(expanded((-h, h)) for h in (row["class_half_width95"], row["half_width95"]))])
-    common.table(["error", "unit", "today", "after"], rows, text=(0, 1, 2, 3))
-    click.echo(f"\n{_toml(data['test'])}")
-    name = data["test"]["name"]
-    common.next_steps(
-        f"Put the table above into {campaign}/campaign.toml"
-        + ("; correct line_mm, where the beam runs." if "line_mm" in data["test"] else "."),
-        f"mjsim nc {campaign} --test {name} -o {name}.csv   writes the targets in the order of measuring.",
+    _show_known("error", data["known"])
+    _show_positions(
+        data["test"],
+        campaign,
+        "; correct line_mm, where the beam runs." if "line_mm" in data["test"] else ".",
+        "the targets in the order of measuring",
         "Measure. Overrun the first and the last target, so that each is approached from its side.",
+    )
+
+
+def _show_known(noun: str, known: list[dict]) -> None:
+    """How well numbers are known today and after a test."""
+    rows = []
+    for k in known:
+        halves = (expanded((-h, h)) for h in (k["class_half_width95"], k["half_width95"]))
+        rows.append([k["id"], unit_of(k["parameter"])[1], *halves])
+    common.table([noun, "unit", "today", "after"], rows, text=(0, 1, 2, 3))
+
+
+def _show_positions(test: dict, campaign: str, where: str, what: str, measure: str) -> None:
+    """The table of a planned test at rest, and what to do next.
+
+    Args:
+        test: The table.
+        campaign: Folder of the campaign.
+        where: End of the sentence on where the table goes.
+        what: ``mjsim nc`` writes.
+        measure: The sentence on how it is measured.
+    """
+    click.echo(f"\n{_toml(test)}")
+    name = test["name"]
+    common.next_steps(
+        f"Put the table above into {campaign}/campaign.toml{where}",
+        f"mjsim nc {campaign} --test {name} -o {name}.csv   writes {what}.",
+        measure,
         f"mjsim import FILE --campaign {campaign} --points --test {name}",
         f"mjsim diagnose {campaign}",
     )

@@ -30,7 +30,7 @@ from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.units import MM
 from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.plan_points import plan_points
+from mjsim.workflow.plan_positions import plan_points
 
 #: Deviance that says something: below, both explanations foretell the same within one standard deviation.
 _LEAST = 1.0

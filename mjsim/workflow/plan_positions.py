@@ -1,8 +1,11 @@
-"""Which few positions to probe a sphere at: those after which the location errors are known best.
+"""At which positions to measure while the machine stands still, and how well its errors are known after it.
 
-Every point is a place of the rotary axes, a side from which it is approached and an angle of the spindle. Points are
-taken one by one; each takes most from the uncertainty of the location errors, in units of what a machine of its class
-may have, with set-up, probe and everything else that the class has as unknowns beside them.
+Few positions of a sphere: those after which the location errors are known best. Every point is a place of the rotary
+axes, a side from which it is approached and an angle of the spindle. Points are taken one by one; each takes most from
+the uncertainty of the location errors, in units of what a machine of its class may have, with set-up, probe and
+everything else that the class has as unknowns beside them.
+
+Targets of one axis: as ISO 230-2 asks for them.
 """
 
 from __future__ import annotations
@@ -15,47 +18,54 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.estimation.at_rest import RestFitter
+from mjsim.estimation.at_rest import RestFitter, RestProblem
 from mjsim.estimation.calibration import expected_effects
-from mjsim.estimation.planning.at_rest import planned_problem
+from mjsim.estimation.fit import Fit
+from mjsim.estimation.planning.at_rest import Known, planned_problem
 from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.positions.measurement import PositionTest
+from mjsim.instruments.positions.plan import planned_test
 from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
-from mjsim.units import DEG
+from mjsim.units import DEG, MM
 
 #: Steps of the places that are looked at: axes that go round, and those that tilt; how far these tilt, rad.
 _ROUND, _TILT, _FARTHEST = 30.0 * DEG, 15.0 * DEG, 90.0 * DEG
+#: A number is told by targets that take at least this share of its uncertainty.
+_TOLD = 0.1
 
 
 @dataclass(frozen=True)
-class PlannedPoints:
+class PlannedPositions:
     """A test to be measured.
 
     Attributes:
         test: With its positions, in the order of measuring.
-        known: 95 % half width of every location error after it, in the unit of its number, by id.
-        before: The same by the class alone.
+        known: How well numbers of the machine are known by its class alone, and after the test.
+        noise: Standard deviation of one reading that was reckoned with, SI.
         there: Whether the campaign has the test already, without positions.
-        noise: Standard deviation of a centre that was reckoned with, m.
     """
 
-    test: SphereTest
-    known: dict[str, float]
-    before: dict[str, float]
+    test: SphereTest | PositionTest
+    known: tuple[Known, ...]
     noise: float
     there: bool = False
 
     def to_json(self) -> dict:
         """Plain data."""
-        rows = [
-            {"id": k, "half_width95": float(f"{v:.3g}"), "class_half_width95": float(f"{self.before[k]:.3g}")}
-            for k, v in self.known.items()
+        table = {"test": INSTRUMENTS[self.test.instrument].test_table(self.test)}
+        known = [
+            {
+                "id": k.effect_id,
+                "parameter": k.parameter,
+                "half_width95": float(f"{k.after:.3g}"),
+                "class_half_width95": float(f"{k.before:.3g}"),
+            }
+            for k in self.known
         ]
-        return {
-            "test": INSTRUMENTS[self.test.instrument].test_table(self.test),
-            "points": len(self.test.angles),
-            "location_errors": rows,
-        }
+        if isinstance(self.test, SphereTest):
+            return table | {"points": len(self.test.angles), "location_errors": known}
+        return table | {"targets": len(self.test.targets), "known": known}
 
 
 def plan_points(
@@ -64,7 +74,7 @@ def plan_points(
     count: int,
     sphere: tuple[float, float, float] | None = None,
     farthest: dict[str, tuple[float, float]] | None = None,
-) -> PlannedPoints:
+) -> PlannedPositions:
     """Positions to measure.
 
     Args:
@@ -108,9 +118,11 @@ def plan_points(
     )
     rows = white[np.concatenate([3 * i + np.arange(3) for i in chosen])]
     after = np.linalg.inv(np.diag(precision) + rows.T @ rows)
-    half = {i: 1.96 * math.sqrt(after[p, p]) * unit for i, (p, unit) in located.items()}
-    before = {i: 1.96 * unit / math.sqrt(precision[p]) for i, (p, unit) in located.items()}
-    return PlannedPoints(test, half, before, noise, any(t.name == name for t in tests))
+    known = (
+        Known(*name, 1.96 * unit / math.sqrt(precision[p]), 1.96 * math.sqrt(after[p, p]) * unit)
+        for name, (p, unit) in located.items()
+    )
+    return PlannedPositions(test, tuple(known), noise, any(t.name == name for t in tests))
 
 
 def _candidates(test: SphereTest, farthest: dict[str, tuple[float, float]]) -> SphereTest:
@@ -135,13 +147,11 @@ def _candidates(test: SphereTest, farthest: dict[str, tuple[float, float]]) -> S
 
 def _linear(campaign: Campaign, machine: Machine, every: SphereTest):
     """The linear problem of all candidates: noise of a centre, m; whitened columns (3n, p); prior precisions (p,);
-    places and units of the location errors, by id.
+    places and units of the location errors, by id and name of the number.
     """
-    problem = planned_problem(campaign, every)
-    shown = [c.free for c in expected_effects(machine) if problem.shows(machine, c.free)]
-    fit = RestFitter(problem, machine).fit(shown, iterations=0)
+    problem, fit = _fit_of_class(campaign, machine, every)
     located = {
-        f.effect.id: (fit.parameters[f.block.name].start, next(iter(f.specs.values())).scale)
+        (f.effect.id, next(iter(f.specs))): (fit.parameters[f.block.name].start, next(iter(f.specs.values())).scale)
         for f in fit.effects
         if f.effect.kind == "axis_location"
     }
@@ -149,6 +159,13 @@ def _linear(campaign: Campaign, machine: Machine, every: SphereTest):
         raise InputError(f"{machine.name}: its [tolerance] has no axis_location, so there is nothing to plan for")
     white = fit.design @ np.eye(fit.parameters.size)
     return problem.noise.rms, white, fit.parameters.precision(), located
+
+
+def _fit_of_class(campaign: Campaign, machine: Machine, test: SphereTest | PositionTest) -> tuple[RestProblem, Fit]:
+    """What a test will fit, and how: whatever a machine of its class may have and the test shows."""
+    problem = planned_problem(campaign, test)
+    shown = [c.free for c in expected_effects(machine) if problem.shows(machine, c.free)]
+    return problem, RestFitter(problem, machine).fit(shown, iterations=0)
 
 
 def _greedy(white: np.ndarray, precision: np.ndarray, places: np.ndarray, count: int) -> list[int]:
@@ -168,3 +185,51 @@ def _greedy(white: np.ndarray, precision: np.ndarray, places: np.ndarray, count:
         chosen.append(best)
         covariance = covariance - reach[best].T @ np.linalg.solve(inner[best], reach[best])
     return chosen
+
+
+def plan_targets(
+    campaign: Campaign,
+    machine: Machine,
+    axis: str,
+    ends: dict[str, tuple[float, float]],
+    count: int | None = None,
+) -> PlannedPositions:
+    """Targets of one axis.
+
+    Args:
+        campaign: For which they are.
+        machine: As given.
+        axis: Letter of the axis.
+        ends: Range of the test by letter of the axis, mm or degrees.
+        count: How many; without it as few as the standard allows.
+
+    Raises:
+        InputError: The machine has no such axis, or nobody says its range.
+    """
+    chain = machine.chain
+    for letter in (axis, *ends):
+        if letter not in chain.letters:
+            raise InputError(f"axis {letter!r}; allowed: {', '.join(chain.letters)}")
+    names = {t.name for t in campaign.tests}
+    first = f"targets-{axis.lower()}"
+    name = next(n for n in itertools.chain([first], (f"{first}-{i}" for i in itertools.count(2))) if n not in names)
+    unit = DEG if chain.is_rotary(axis) else MM
+    if axis not in ends:
+        if not chain.is_rotary(axis):
+            raise InputError(f"no range of {axis}; allowed: --range {axis} LOW HIGH, mm")
+        ends = {axis: (0.0, 360.0)}
+    low, high = ends[axis]
+    if not low < high:
+        raise InputError(f"range of {axis}: {low:g} to {high:g}; allowed: the lower end first")
+    period = 2.0 * math.pi / machine.drives[axis].gear
+    test = planned_test(name, axis, f"E{axis}{axis}", chain, (low * unit, high * unit), period, count)
+    problem, fit = _fit_of_class(campaign, machine, test)
+    prior, after = fit.parameters.precision(), np.sqrt(np.diag(fit.covariance))
+    known = []
+    for f in (f for f in fit.effects if f.names != ("components",)):
+        at = fit.parameters[f.block.name]
+        for number, before, then in zip(f.names, prior[at] ** -0.5, after[at], strict=True):
+            if then <= (1.0 - _TOLD) * before:
+                half = 1.96 * f.specs[number].scale
+                known.append(Known(f.effect.id, number, half * before, half * then))
+    return PlannedPositions(test, tuple(known), problem.noise.rms)
