@@ -68,10 +68,10 @@ def command(
     elif len(tests) != 1:
         raise click.UsageError("one --test is needed (or --ladder); `mjsim simulate` and campaign.toml have the names")
     from mjsim.campaign.files import read_campaign
-    from mjsim.instruments.ball_bar.measurement import BallBarTest
+    from mjsim.instruments.base import INSTRUMENTS
 
     c = read_campaign(campaign, as_is=as_is)
-    recorded = not ladder and any(t.name == tests[0] and t.instrument != BallBarTest.instrument for t in c.tests)
+    recorded = not ladder and any(t.name == tests[0] and not INSTRUMENTS[t.instrument].in_motion for t in c.tests)
     if recorded and (camera is not None or speed is not None or shadows):
         raise click.UsageError("--camera, --speed and --shadows have no meaning without a ball bar")
     with common.progress_bar(left=True) as progress:

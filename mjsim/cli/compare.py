@@ -91,7 +91,7 @@ def _add_calibration(data: dict, fitted) -> None:
             mine["rms_as_given_um"] = round(part.rms / UM, 4)
         if "rms_deg" in mine:
             mine["rms_as_given_deg"] = significant(part.rms_rotary / DEG)
-        if part.instrument == BallBarTest.instrument:
+        if INSTRUMENTS[part.instrument].in_motion:
             mine |= calibration_json(fitted.calibration, fitted.shares, fitted.combinations)
             mine["budget"] = [rounded(b.to_json()) for b in fitted.budget]
         elif part.instrument == LogTest.instrument:

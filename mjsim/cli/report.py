@@ -49,14 +49,13 @@ def command(
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
     from mjsim.errors import InputError
-    from mjsim.instruments.ball_bar.measurement import BallBarTest
     from mjsim.io.files import check_writable, write_whole
     from mjsim.report.write import report
 
     runs = part_runs(parts, tolerance, tool, zero, feed, **how)
     read = [read_campaign(c, as_is=as_is) for c in campaigns]
     machines = [machine_of(c, machine) for c in read]
-    if runs and (len(read) > 1 or BallBarTest.instrument not in read[0].measured_parts):
+    if runs and (len(read) > 1 or not read[0].in_motion.measured):
         raise InputError("--part: allowed for one ball-bar campaign")
     out = out or Path("certificate.pdf" if certificate else "report.html")
     if certificate and (runs or no_diagnose or max_effects is not None):

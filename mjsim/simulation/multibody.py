@@ -113,7 +113,7 @@ def simulate_each(
     tests = list(tests)
     check_axes(plant.chain, tests)
 
-    together = {}
+    together: dict[str, list[BallBarTest]] = {}
     for test in tests:  # readings of one recording are of one motion
         together.setdefault(test.recording, []).append(test)
     runs = list(together.values())
@@ -122,8 +122,9 @@ def simulate_each(
 
     def one(readings: list[BallBarTest], added: np.ndarray | None) -> list[tuple[str, T]]:
         out = [(s.test.name, keep(s)) for s in _run(prepare(model, plant, readings[0], step, added), readings)]
-        for test in readings if done else ():
-            done(test)
+        if done:
+            for test in readings:
+                done(test)
         return out
 
     with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(runs)))) as pool:

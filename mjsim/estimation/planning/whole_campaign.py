@@ -32,7 +32,7 @@ from mjsim.instruments.ball_bar.kinds.base import place_name
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import table_of
-from mjsim.instruments.r_test.measurement import USUAL_NOISE, SphereReading
+from mjsim.instruments.r_test.measurement import USUAL_NOISE
 from mjsim.machine.chain import COORDINATES
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
@@ -324,7 +324,7 @@ def possible_tests(machine: Machine) -> Iterator[BallBarTest]:
                 yield named
 
 
-def possible_motions(machine: Machine) -> Iterator[SphereReading]:
+def possible_motions(machine: Machine) -> Iterator[BallBarTest]:
     """R-tests that the machine can run, one reading of each: every rotary axis alone, and two together."""
     for test in motions_at(machine.chain, (SPHERE, 0.0, HEIGHT)):
         named = _named(replace(test, feed=FEED))

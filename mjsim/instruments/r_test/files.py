@@ -96,11 +96,12 @@ def readings_of_table(file: Path, t: Any, chain: Chain) -> tuple[SphereReading, 
     kind = kind_of(one)
     if reason := kind.cannot(chain):
         raise InputError(f"{place}: the machine has the axes {', '.join(chain.letters)}: {reason}")
-    one = kind.completed(one)
-    if wrong := kind.wrong(one):
+    whole = kind.completed(one)
+    assert isinstance(whole, SphereReading)
+    if wrong := kind.wrong(whole):
         raise InputError(f"{place}: {wrong.replace('table_ball_mm', 'sphere_mm')}")
-    check_duration(place, one)
-    return tuple(replace(one, name=f"{t.name}.{d}", component=c) for d, c in zip(_READ, COORDINATES, strict=True))
+    check_duration(place, whole)
+    return tuple(replace(whole, name=f"{t.name}.{d}", component=c) for d, c in zip(_READ, COORDINATES, strict=True))
 
 
 def test_table(test: SphereReading) -> dict[str, Any]:
@@ -167,7 +168,7 @@ def nest_trace(path: Path, test: SphereReading, time: np.ndarray, vector: np.nda
     Raises:
         InputError: There are too few samples in the sensors' range.
     """
-    valid = (np.abs(vector) < nest.range * (1 - 1e-9)).all(axis=1)
+    valid = np.abs(vector).max(axis=1) < nest.range * (1 - 1e-9)
     if valid.sum() < _FEWEST:
         raise InputError(
             f"{path}: {int(valid.sum())} of {len(valid)} samples are inside the sensors' range of ±{nest.range / MM:g} "
