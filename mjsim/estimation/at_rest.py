@@ -7,10 +7,11 @@ no model depends on the place:
 
     value = reading(machine) + set-up + d + e,   Cov d = σ_s² K + σ_r² P
 
-``K`` falls smoothly with the distance of two positions, ``P`` is 1 for repeats of one place and 0 otherwise; both are 0
-between different channels. Where the times of the values were recorded, half of ``K`` falls with the time between them
-in the place of the distance: a machine drifts in other ways than its sensors and an exponential do. With a half-Cauchy prior of both sizes, d is zero where the model explains everything. Where
-it is not, intervals grow by it, and the machine is called unknown.
+``K`` falls smoothly with the distance of two positions, ``P`` is 1 for repeats of one place and 0 otherwise; both are
+0 between different channels. Where the times of the values were recorded, half of ``K`` falls with the time between
+them in the place of the distance: a machine drifts in other ways than its sensors and an exponential do. With a half-
+Cauchy prior of both sizes, d is zero where the model explains everything. Where it is not, intervals grow by it, and
+the machine is called unknown.
 """
 
 from __future__ import annotations
