@@ -92,8 +92,8 @@ INTRODUCTION = textwrap.dedent("""\
     simulation with the effect minus a simulation without it, in the multibody model. The size of the
     effect is the *typical size* of the table. Both machines have the friction of the template of `mjsim
     new campaign`. The eccentricity is taken out, as ISO 230-4 does. The angle is φ, with 0° on X. The
-    scale below a plot says how many micrometres one division is. A temperature sensor gets warmer by 1 K
-    in a minute. The tests are:
+    scale below a plot says how many micrometres one division is. A temperature sensor gets warmer by
+    1 K in a minute. The tests are:
 
     | test | what it is |
     |---|---|

@@ -171,25 +171,11 @@ def test_a_ball_bar_finds_what_follows_which_sensor(tmp_path):
     assert b.largest == "temperature"  # two tests show X: 0.02 K of noise and half a minute between samples count
 
 
-def _bent(folder, um) -> None:
-    """Points of a probe with a further displacement of the machine along Z, µm at times in s."""
-    file = folder / "traces" / "points.csv"
-    head, *rows = file.read_text().splitlines()
-    names, out = head.split(","), []
-    for row in rows:
-        cells = row.split(",")
-        k = names.index("dz_um")
-        cells[k] = f"{float(cells[k]) - um(float(cells[names.index('time_s')])):.4f}"
-        out.append(",".join(cells))
-    file.write_text("\n".join([head, *out, ""]))
-
-
 def test_a_drift_that_follows_no_sensor_is_given_to_none(tmp_path):
     """One settles with the clock, one goes up and down by itself."""
     drifts = {"settles": lambda t: 15.0 * (1.0 - np.exp(-t / 1500.0)), "odd": lambda t: 6.0 * np.sin(t / 430.0)}
     for seed, (name, drift) in enumerate(drifts.items(), start=6):
-        warming.write_sphere(tmp_path / name, seed, {})
-        _bent(tmp_path / name, drift)
+        warming.write_sphere(tmp_path / name, seed, {}, drift={"Z": drift})
         _, found = found_in(tmp_path / name)
         assert not [k for k, e in found.items() if k.startswith("thermal_expansion") and e.probability > 0.95], name
         assert name == "odd" or found["thermal_drift.Z"].probability > 0.5

@@ -7,9 +7,11 @@ no model depends on the place:
 
     value = reading(machine) + set-up + d + e,   Cov d = σ_s² K + σ_r² P
 
-``K`` falls smoothly with the distance of two positions, ``P`` is 1 for repeats of one place and 0 otherwise; both are 0
-between different channels. With a half-Cauchy prior of both sizes, d is zero where the model explains everything. Where
-it is not, intervals grow by it, and the machine is called unknown.
+``K`` falls smoothly with the distance of two positions, ``P`` is 1 for repeats of one place and 0 otherwise; both are
+0 between different channels. Where the times of the values were recorded, half of ``K`` falls with the time between
+them in the place of the distance: a machine drifts in other ways than its sensors and an exponential do. With a half-
+Cauchy prior of both sizes, d is zero where the model explains everything. Where it is not, intervals grow by it, and
+the machine is called unknown.
 """
 
 from __future__ import annotations
@@ -54,6 +56,8 @@ from mjsim.units import DEG
 
 #: Distance over which the smooth discrepancy is correlated, m and rad (assumed: a third of a small machine's travel).
 _NEAR_LINEAR, _NEAR_ROTARY = 0.15, 45.0 * DEG
+#: Time over which a drift is correlated, s (assumed: a spindle takes a quarter of an hour to warm up).
+_DRIFTS = 900.0
 #: Sizes of the discrepancy over which its probability is summed, in standard deviations of the noise: from such a one
 #: on it is a misfit, and the machine unknown where that is more likely than not.
 _SIZES, _MISFIT, _LIKELY = (0.0, *(0.5 * 2.0**k for k in range(11))), 1.0, 0.5
@@ -123,7 +127,7 @@ class RestProblem:
         """
         tests = campaign.measured
         stops: dict[str, Stops] = {}
-        values, noises, places, channels, rows = [], [], [], [], []
+        values, noises, places, channels, rows, hours = [], [], [], [], [], []
         numbers: dict[tuple[str, str], int] = {}  # of channels: the same one in several tests
         for t in tests:
             instrument, recording = INSTRUMENTS[t.instrument], campaign.traces[t.name]
@@ -137,6 +141,7 @@ class RestProblem:
             first = found.at[:, 0]
             where = np.hstack([found.route[first], found.route[np.maximum(first - 1, 0)]])
             places.append(np.repeat(where, k, axis=0))
+            hours.append(np.repeat(found.clock[first], k))
             mine = [numbers.setdefault((t.instrument, c.name), len(numbers)) for c in instrument.channels(t)]
             channels.append(np.tile(mine, n))
             rows.append((t, instrument.nuisances_of(t, recording, seen.time, data)))
@@ -162,6 +167,10 @@ class RestProblem:
         way = here[:, None, chain.linear_columns] - here[None, :, chain.linear_columns]
         distance = (2.0 * np.sin(0.5 * turn) / _NEAR_ROTARY) ** 2
         square = distance.sum(axis=2) + (way / _NEAR_LINEAR).__pow__(2).sum(axis=2)
+        smooth = np.exp(-0.5 * square)
+        hour = np.concatenate(hours)
+        if np.ptp(hour) > 0.0:
+            smooth = 0.5 * (smooth + np.exp(-np.abs(hour[:, None] - hour) / _DRIFTS))
         same = np.abs(where[:, None] - where[None]).max(axis=2) < 1e-5
         return cls(
             campaign,
@@ -171,7 +180,7 @@ class RestProblem:
             np.vstack(parts),
             nuisances,
             units,
-            equal * np.exp(-0.5 * square),
+            equal * smooth,
             (equal & same).astype(float),
             settings,
         )

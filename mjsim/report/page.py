@@ -77,7 +77,7 @@ def render(
         raise ValueError(f"verdict must be one of {', '.join(VERDICTS)}, not '{content.verdict}'")
     return page(
         "report.html",
-        data_of(content, beside) | {"temperature": list(warming[1])},
+        data_of(content, beside) | ({"temperature": list(warming[1])} if warming[0] else {}),
         content.traces,
         ("common.js", "plot.js", "report.js"),
         beside=list(beside.values()),

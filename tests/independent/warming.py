@@ -109,15 +109,25 @@ def write_bar(
 
 
 def write_sphere(
-    folder: Path | str, seed: int, planted: dict[tuple[str, str], float], minutes: float = 3.0, **how
+    folder: Path | str,
+    seed: int,
+    planted: dict[tuple[str, str], float],
+    minutes: float = 3.0,
+    drift: dict | None = None,
+    **how,
 ) -> dict:
-    """A probed sphere with its temperatures: a point every so many minutes. Returns the true errors of the machine."""
+    """A probed sphere with its temperatures: a point every so many minutes. Returns the true errors of the machine.
+
+    ``drift`` are further displacements by axis, µm as a function of the time in s, that no temperature explains.
+    """
     errors = sphere.write(folder, seed, **how)
     file = Path(folder, "traces", "points.csv")
     head, *rows = file.read_text().splitlines()
     clock = 60.0 * minutes * np.arange(len(rows))
     time, true = histories(seed, clock[-1] + 300.0)
     sums, names, out = moved(true, planted), head.split(","), []
+    for axis, more in (drift or {}).items():
+        sums[axis] = sums.get(axis, 0.0) + more(time)
     for at, row in zip(clock, rows, strict=True):
         cells = row.split(",")
         for axis, um in sums.items():  # where the tool has gone too far, the machine stops that much before
