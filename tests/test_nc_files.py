@@ -127,7 +127,7 @@ def test_signs_of_the_rotary_axes(tests):
         np.testing.assert_array_equal(words(turned.text, a), words(plain.text, a) * (-1 if a in "AC" else 1))
     _, nc = back(test, Options(reversed=("C",)))
     np.testing.assert_array_equal(nc.motion.points, plain.motion.points)
-    with pytest.raises(InputError, match=r'no program of test "t0".*signs of A and C'):
+    with pytest.raises(InputError, match=r'no program of test "t0".*A and C counted the other way, the balls keep'):
         driven_by(test, parse_nc(turned.text, Path("t.nc")).motion)
     with pytest.raises(InputError, match="reversed axis 'X'; allowed: A, C"):
         parse_nc(plain.text, Path("t.nc"), "fanuc", ("X",))

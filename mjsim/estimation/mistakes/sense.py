@@ -149,8 +149,8 @@ def left_by_geometry(variants: Sequence[Variant], traces: Sequence[Samples], amo
         d = (s.mean - modelled)[s.good]
         blocks.append((columns - q @ (q.T @ columns), d - q @ (q.T @ d)))
     weights = [POINTS / len(d) for _, d in blocks]
-    a = sum(w * c.T @ c for w, (c, _) in zip(weights, blocks, strict=True))
-    b = sum(w * c.T @ d for w, (c, d) in zip(weights, blocks, strict=True))
+    a = np.sum([w * c.T @ c for w, (c, _) in zip(weights, blocks, strict=True)], axis=0)
+    b = np.sum([w * c.T @ d for w, (c, d) in zip(weights, blocks, strict=True)], axis=0)
     x = ridge_solution(a, b, REST**2)
     return np.array([np.sqrt(np.mean((blocks[k][1] - blocks[k][0] @ x) ** 2)) for k in among])
 

@@ -150,7 +150,7 @@ def counted_otherwise(test: BallBarTest, axes: np.ndarray) -> str:
                 )
                 return (
                     f"{' and '.join(letters)} counted the other way, the balls keep their distance: {senses} in the "
-                    "machine file, if the control counts so"
+                    "machine file if the control counts so, program_reversed if this program alone does"
                 )
     return ""
 
