@@ -122,9 +122,10 @@ def test_block_means_are_those_of_the_samples(folder):
     command = sampled(axis, recording.time, recording.axes["X"].command)
     motion = follow(axis, recording.time, recording.axes["X"].command, ServoStart(0.0))
     for shift in (0.0, 2.4e-4, -1.7e-3):
-        found = block_means(axis, command, ServoStart(0.0), shift, 4)
+        found, torque = block_means(axis, command, ServoStart(0.0), shift, 4)
         wanted = motion.at(recording.time - shift)[: 4 * len(found)].reshape(-1, 4).mean(axis=1)
         assert found == pytest.approx(wanted, abs=1e-12)
+        assert torque == pytest.approx(motion.torque, abs=1e-12)
 
 
 def test_the_evidence_counts_what_is_independent():
