@@ -66,11 +66,13 @@ def test_friction_after_a_rest_is_found(folder):
 
 @pytest.mark.parametrize("ratio", [0.5, 2.5])
 def test_a_coulomb_torque_that_is_not_that_of_the_data_sheet_is_found(folder, ratio):
-    """As a number of its own, and not as another shape of the friction that the data sheet allows."""
+    """As a number of its own, and not as another shape of the friction that the data sheet allows. Positions fix ratios
+    of torques: it is known as well as the velocity gain (2 %) and the inertia (3 %) of the data sheet.
+    """
     (found,) = diagnosed(folder(Axis(coulomb=0.12 * ratio))).effects
     assert found.effect.id == "friction.X" and found.probability > 0.95
     low, high = found.ci95["coulomb_Nm"]
-    assert low < 0.12 * ratio < high and high - low < 0.02 * 0.12
+    assert low < 0.12 * ratio < high and 1.04 < high / low < 1.07
     assert found.effect.values["static_ratio"] == 1.0
 
 
@@ -122,9 +124,10 @@ def test_block_means_are_those_of_the_samples(folder):
     command = sampled(axis, recording.time, recording.axes["X"].command)
     motion = follow(axis, recording.time, recording.axes["X"].command, ServoStart(0.0))
     for shift in (0.0, 2.4e-4, -1.7e-3):
-        found = block_means(axis, command, ServoStart(0.0), shift, 4)
+        found, torque = block_means(axis, command, ServoStart(0.0), shift, 4)
         wanted = motion.at(recording.time - shift)[: 4 * len(found)].reshape(-1, 4).mean(axis=1)
         assert found == pytest.approx(wanted, abs=1e-12)
+        assert torque == pytest.approx(motion.torque, abs=1e-12)
 
 
 def test_the_evidence_counts_what_is_independent():

@@ -181,7 +181,7 @@ def test_a_delay_may_stand_before_or_behind_the_recorded_command(m2):
     from mjsim.instruments.axis_log.measurement import LogTest
 
     data = [SimpleNamespace(test=LogTest("a", ("C",)), axis="C", step=1e-3, name="a", resolution=1e-6,
-                            record=SimpleNamespace(actual=np.linspace(0.0, 0.1, 1000)))]  # fmt: skip
+                            record=SimpleNamespace(actual=np.linspace(0.0, 0.1, 1000), output=None))]  # fmt: skip
     late = m2.with_effect(registry.make("servo_delay.C", m2.chain, delay_ms=3.0))
     plain, wide = (nuisance_entries(m, data)[0] for m in (m2, late))
     assert plain.deviation == 1.0 and wide.deviation == pytest.approx(np.hypot(1.0, 3.0))

@@ -122,7 +122,7 @@ def test_all_torques_together_are_known_no_better_than_the_number_of_the_channel
     fitter, start = LogFitter(machine, data, 1), start_model(machine, data)
     cause = next(c for c in Catalogue(machine, data).missing(start) if c.effect.kind == "current_clip")
     fit = fitter.polished(fitter.fit(cause.extend(start)), 1)
-    way = torque_direction(fit.model)
+    way = torque_direction(fit.model, fit.model.vector)
     assert all(np.abs(d @ way).max() < 1e-5 * np.abs(d).max() for d in fit.design)
     for label, true in (("drive.inertia", AXIS.inertia), ("current_clip.X.torque_Nm", 1.5)):
         value, low, high = intervals(fit)[label]

@@ -40,8 +40,8 @@ _DELAYS_MS = (5.0, 40.0)
 #: Limits of the torque from which fits start, in the largest torque that the motion needs; and how well a recorded one
 #: says it, relative (assumed: its scale).
 _LIMITS, _LIMIT_READ = (0.7, 0.9, 1.0), 0.02
-#: Limits of the speed from which fits start, in the largest recorded speed.
-_SPEEDS = (0.9, 1.0)
+#: Limits of the speed from which fits start, in the set-point of the largest recorded speed.
+_SPEEDS = (0.95, 1.0, 1.05)
 #: Voltages from which fits start: speed without load in the largest recorded speed, torque at rest in the largest
 #: torque that the motion needs.
 _VOLTAGES = ((1.0, 3.0), (1.3, 1.5), (2.0, 1.5))
@@ -258,11 +258,14 @@ class Catalogue:
         """
         out = []
         if any(d.control.law is None for d in self.drives):
-            for speed in (self.set_point,) if self.set_point else [share * self.fastest for share in _SPEEDS]:
+            for speed in (self.set_point,) if self.set_point else [share * self._asked() for share in _SPEEDS]:
                 e = self._make("speed_limit", speed_rad_per_s=speed)
                 out.append(Candidate(e, (self._log(e, "speed_rad_per_s"),)))
-        for speed, torque in _VOLTAGES:
-            e = self._make("voltage_limit", no_load_rad_per_s=speed * self.fastest, stall_Nm=torque * self.most)
+        voltages = [(speed * self.fastest, torque * self.most) for speed, torque in _VOLTAGES]
+        # a motor at full voltage that is as stiff as the velocity loop: what looks most like a limit of the speed
+        voltages.append((self._asked(), self.drives[0].velocity_gain * self._asked()))
+        for speed, torque in voltages:
+            e = self._make("voltage_limit", no_load_rad_per_s=speed, stall_Nm=torque)
             out.append(Candidate(e, (self._log(e, "no_load_rad_per_s"), self._log(e, "stall_Nm"))))
         for torque in (self.limit,) if self.limit else [share * self.most for share in _LIMITS]:
             e = self._make("current_clip", torque_Nm=torque)
@@ -271,6 +274,16 @@ class Catalogue:
                 entry = replace(entry, deviation=_LIMIT_READ, centre=torque)
             out.append(Candidate(e, (entry,)))
         return out
+
+    def _asked(self) -> float:
+        """Set-point of the largest recorded speed by the data sheet, rad/s: without an integrator, it is ahead of the
+        speed by what the friction takes.
+        """
+        drive, friction = self.drives[0], self.machine.effect(f"{FRICTION}.{self.axis}")
+        if np.isfinite(drive.integral_time) or drive.control.law is not None:
+            return self.fastest
+        level = friction.values["coulomb_Nm"] if friction is not None else 0.0
+        return self.fastest + (level + drive.viscous * self.fastest) / drive.velocity_gain
 
     def _waves(self, model: AxisModel, orders: Sequence[float]) -> list[Candidate]:
         """Torques over the motor's angle: the first is a torque ripple, further ones are waves of its cogging."""

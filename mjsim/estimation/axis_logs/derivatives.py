@@ -101,7 +101,7 @@ def columns(
 
 
 def along_torques(
-    fitter: Simulator, model: AxisModel, residual: Sequence[np.ndarray], design: Sequence[np.ndarray]
+    fitter: Simulator, model: AxisModel, vector: np.ndarray, design: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, ...]:
     """Derivatives that are right along one direction: all torques of an axis larger by one share.
 
@@ -110,27 +110,27 @@ def along_torques(
 
     Args:
         fitter: Simulates.
-        model: At its values.
-        residual: There.
-        design: Derivatives, (blocks, p) per row.
+        model: What is free.
+        vector: Where.
+        design: Derivatives there, (blocks, p) per row.
     """
-    way = torque_direction(model)
+    way = torque_direction(model, vector)
     if not way.any():
         return tuple(design)
     ends = []
     for by in (_STEP, -_STEP):
-        at = model.vector + by * way
+        at = vector + by * way
         axes = fitter.axes(model, at)
         found = fitter.map([(fitter.means, axes, model, at, k) for k in range(len(fitter.data))])
         ends.append(
             {i: x for rows, xs in zip(fitter.rows_of, found, strict=True) for i, x in zip(rows, xs, strict=True)}
         )
-    slopes = [(ends[0][i] - ends[1][i]) / (2.0 * _STEP) for i in range(len(residual))]
+    slopes = [(ends[0][i] - ends[1][i]) / (2.0 * _STEP) for i in range(len(design))]
     return tuple(d + np.outer(s - d @ way, way) / (way @ way) for d, s in zip(design, slopes, strict=True))
 
 
-def torque_direction(model: AxisModel) -> np.ndarray:
-    """How the vector changes where all torques that are free grow by one share, (p,)."""
+def torque_direction(model: AxisModel, vector: np.ndarray) -> np.ndarray:
+    """How a vector (p,) changes where all torques that are free grow by one share, (p,)."""
     out = np.zeros(len(model.entries))
     for j, e in enumerate(model.entries):
         effect = model.machine.effect(e.owner)
@@ -139,9 +139,9 @@ def torque_direction(model: AxisModel) -> np.ndarray:
         of_wave = effect is not None and (effect.kind == "cogging" or "amplitude_Nm" in amplitudes)
         grows = e.name in ("inertia", "viscous", "velocity_gain", START_TORQUE) or e.name.endswith("_Nm")
         if grows or (is_wave and of_wave):
-            out[j] = 1.0 if e.log else e.value / e.scale
+            out[j] = 1.0 if e.log else vector[j]
         elif e.owner == PER_TORQUE:
-            out[j] = -e.value / e.scale
+            out[j] = -vector[j]
     return out
 
 

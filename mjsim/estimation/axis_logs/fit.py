@@ -251,8 +251,11 @@ class LogFitter:
     def columns(
         self, model: AxisModel, vector: np.ndarray, residual, entries=None, central: bool = False
     ) -> tuple[np.ndarray, ...]:
-        """Derivatives, see :func:`mjsim.estimation.axis_logs.derivatives.columns`."""
-        return columns(self, model, vector, residual, entries, central)
+        """Derivatives, see :func:`mjsim.estimation.axis_logs.derivatives.columns`; those of both sides are right along
+        the size of all torques.
+        """
+        design = columns(self, model, vector, residual, entries, central)
+        return along_torques(self, model, vector, design) if central and entries is None else design
 
     # -- fit -----------------------------------------------------------------------------------------------------------
 
@@ -289,8 +292,7 @@ class LogFitter:
         Along combinations that only the priors fix, one-sided derivatives lead astray.
         """
         fit = self.fit(fit.model, steps, 1, central=True)
-        design = self.columns(fit.model, fit.model.vector, fit.residual, central=True)
-        return self._fit(fit.model, fit.residual, along_torques(self, fit.model, fit.residual, design))
+        return self._fit(fit.model, fit.residual, self.columns(fit.model, fit.model.vector, fit.residual, central=True))
 
     def allowed(self, model: AxisModel, design: Sequence[np.ndarray]) -> tuple[float, ...]:
         """RMS that a sound machine may leave in each recording, axis units."""

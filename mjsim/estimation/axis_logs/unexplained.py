@@ -99,6 +99,8 @@ def _described(
     worst = d.name, float(d.means(d.time)[block]), float(d.means(d.record.actual)[block])
     left = [float((r - p) @ (r - p) / (r @ r)) for r, p in zip(fit.residual, parts, strict=True)]
     share = 1.0 - sum(left) / len(left)
+    if share <= 0.0:  # it explains what is fast, and makes the whole no smaller
+        return _described(fitter, fit, "", None, fit.residual)
     return UnexplainedRest(fit.model.axis, variable, period, rms, share, tests, *sized, worst)
 
 
