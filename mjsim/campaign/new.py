@@ -56,28 +56,20 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     return write_new(contents)
 
 
-def planned_text(
-    name: str, tests: Sequence[dict[str, Any]], instrument: dict[str, float] | None = None, kind: str = "ball_bar"
-) -> str:
+def planned_text(name: str, tests: Sequence[dict[str, Any]], kind: str = "ball_bar") -> str:
     """A campaign.toml of tests that are not measured yet.
 
     Args:
         name: of the campaign.
         tests: their tables, in the order of measuring; there may be none yet.
-        instrument: its numbers, as in its table; those of an ordinary ball bar when missing.
         kind: of the instrument.
     """
-    numbers = BALL_BAR | (instrument or {})
-    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), kind=kind, **numbers)
+    text = _PLANNED.format(name=json.dumps(name, ensure_ascii=False), kind=kind, **BALL_BAR)
     return text + "".join("\n[[test]]\n" + tomlkit.dumps(t).rstrip() + "\n" for t in tests)
 
 
 def new_planned_campaign(
-    folder: str | Path,
-    machine_file: str,
-    tests: Sequence[dict[str, Any]],
-    name: str | None = None,
-    instrument: str | None = None,
+    folder: str | Path, machine_file: str, tests: Sequence[dict[str, Any]], instrument: str | None = None
 ) -> list[Path]:
     """Start a campaign of planned tests: campaign.toml, machine.toml and a folder for the traces; all, or nothing.
 
@@ -85,7 +77,6 @@ def new_planned_campaign(
         folder: new, or empty.
         machine_file: text of the machine file.
         tests: tables of the tests.
-        name: of the campaign; the folder's when missing.
         instrument: kind of it; a ball bar when missing.
 
     Returns:
@@ -95,7 +86,7 @@ def new_planned_campaign(
         InputError: the folder holds something already, or cannot be written.
     """
     folder = Path(folder)
-    name = check_new_folder(folder, name, "campaign")
+    name = check_new_folder(folder, None, "campaign")
     contents = {
         folder / "campaign.toml": planned_text(name, tests, kind=instrument or "ball_bar"),
         folder / "machine.toml": machine_file,

@@ -183,7 +183,7 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
         tests = list(possible_motions(m)) if instrument == SphereReading.instrument else None
         plan = CampaignPlanner(m, common.cores(threads), progress, tests=tests).plan(time)
     data = plan.to_json()
-    files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument=instrument)
+    files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument)
     if common.answered(data | {"files": [str(f) for f in files]}):
         return
     show_new(data)
