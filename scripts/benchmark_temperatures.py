@@ -23,12 +23,12 @@ from mjsim.campaign.machine_file import machine_of
 PLANTED, DRIFT, PERIOD = 5.0, 8.0, 2500.0
 
 
-def found_in(folder: Path) -> dict[str, dict]:
-    """Findings that follow a sensor, by key, as in the JSON."""
+def found_in(folder: Path) -> tuple[str, dict[str, dict]]:
+    """The verdict, and findings that follow a sensor, by key, as in the JSON."""
     campaign = mjsim.read_campaign(folder)
     result = mjsim.diagnose(campaign, machine_of(campaign))
     said = {e.effect.key: e.to_json(result.machine) for e in result.effects}
-    return {key: row for key, row in said.items() if key.startswith("thermal_expansion")}
+    return result.verdict, {key: row for key, row in said.items() if key.startswith("thermal_expansion")}
 
 
 def planted_one(folder: Path, seed: int) -> tuple[str, float]:
@@ -51,11 +51,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--machines", type=int, default=20, help="of each kind")
     count = parser.parse_args().machines
-    right, inside, wrong, missed, given = 0, 0, 0, [], 0
+    right, inside, wrong, missed, given, unknown = 0, 0, 0, [], 0, 0
     for seed in range(count):
         with tempfile.TemporaryDirectory() as scratch:
             key, size = planted_one(Path(scratch), seed)
-            found = found_in(Path(scratch))
+            _, found = found_in(Path(scratch))
             wrong += len(set(found) - {key})
             if key not in found:
                 missed.append(size)
@@ -66,11 +66,13 @@ def main() -> None:
     for seed in range(count):
         with tempfile.TemporaryDirectory() as scratch:
             planted_none(Path(scratch), seed)
-            given += bool(found_in(Path(scratch)))
+            verdict, found = found_in(Path(scratch))
+            given += bool(found)
+            unknown += verdict == "unknown"
     sizes = ", ".join(f"{s:.1f}" for s in missed)
     print(f"{count} machines follow a sensor: {right} were given to it, {inside} of their 95 % intervals hold")
     print(f"not named: {sizes or 'none'} µm/K; given to another sensor: {wrong}")
-    print(f"{count} machines drift by themselves: {given} were given to a sensor")
+    print(f"{count} machines drift by themselves: {given} were given to a sensor, {unknown} called unknown")
 
 
 if __name__ == "__main__":
