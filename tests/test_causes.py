@@ -156,7 +156,7 @@ def test_the_line_on_the_calibration():
 
 def test_calibrating_needs_a_tolerance(m1, tmp_path):
     with pytest.raises(ValueError, match=r"has no \[tolerance\] table"):
-        calibrate(SimpleNamespace(measured_parts={"ball_bar": None}), m1)
+        calibrate(SimpleNamespace(measured_parts={"ball_bar": None}, in_motion=SimpleNamespace(measured=(1,))), m1)
 
 
 def test_effects_beyond_the_ladder_share_its_last_step():

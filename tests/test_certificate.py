@@ -72,5 +72,5 @@ def test_what_it_refuses(probed):
     with pytest.raises(InputError, match="of two, as found and as left; found: 3"):
         make_certificate([result.campaign] * 3, result.machine)
     logs = SimpleNamespace(has_bars=False, at_rest=(), campaign=result.campaign)
-    with pytest.raises(InputError, match="needs ball-bar tests, sphere tests or position tests"):
+    with pytest.raises(InputError, match="needs ball-bar tests, R-test readings, sphere tests or position tests"):
         certificate([logs])

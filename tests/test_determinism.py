@@ -113,7 +113,7 @@ def test_random_numbers_come_from_the_seed_that_is_recorded():
     draws = re.compile(r"np\.random|numpy\.random|default_rng|RandomState|^\s*import random|from random", re.M)
     found = {f.relative_to(package).as_posix(): draws.findall(f.read_text()) for f in package.rglob("*.py")}
     fixed = dict.fromkeys(("prediction/predict.py", "machine/redundant.py"), "default_rng(_SEED)")
-    seeds = {"batch/design.py": "default_rng(seed)", **fixed}
+    seeds = {"batch/sweep.py": "default_rng(seed)", **fixed}
     assert {k: v for k, v in found.items() if v} == {file: ["np.random", "default_rng"] for file in seeds}
     for file, drawn in seeds.items():
         assert drawn in (package / file).read_text()

@@ -19,8 +19,8 @@ def documented(command):
 def test_every_key_of_the_commands_is_on_the_page(good, tmp_path):
     # keys that come with an option, with imported features or with other instruments only
     more = {
-        "compare": {"rms_as_given_um", "calibration", "combinations", "shares", "budget"},
-        "diagnose": {"imported", "sphere_tests", "position_tests", "signals", "encoders", "without_support"},
+        "compare": {"rms_as_given_um", "calibration", "combinations", "shares", "budget", "nest"},
+        "diagnose": {"imported", "r_tests", "sphere_tests", "position_tests", "signals", "encoders", "without_support"},
     }
     printed = {
         "compare": as_json("compare", good, "--no-plots", "--as-is"),

@@ -277,7 +277,7 @@ KEYS = {
     "no program": ('program_rollover = true', "campaign.toml", "'program_rollover'", "needs program"),
     "unknown dialect": ('program = "t.nc"\nprogram_dialect = "haas"', "program_dialect = 'haas'", "'fanuc'"),
     "another axis": ('program = "t.nc"\nprogram_reversed = ["X"]', "program_reversed", "'A' or 'C'"),
-    "another sign": ('program = "t.nc"\nprogram_reversed = ["A"]', "t.nc", "signs of A and C"),
+    "another sign": ('program = "t.nc"\nprogram_reversed = ["A"]', "t.nc", "A counted the other way"),
     "no G-code": ('program = "machine.toml"', "machine.toml, line 1"),
 }  # fmt: skip
 

@@ -86,7 +86,8 @@ def in_campaign(machine: Machine, campaign: Campaign) -> Machine:
                 f"{campaign.folder / FILE}: {found}, but the machine has {effect.key}; allowed: a record with a column "
                 f"{sensor}, or a machine without that effect"
             )
-    return replace(machine, temperatures=campaign.temperatures)
+    is_so = machine.temperatures is campaign.temperatures  # callers tell by the object whether a model is still theirs
+    return machine if is_so else replace(machine, temperatures=campaign.temperatures)
 
 
 def remarks_on(campaign: Campaign) -> list[str]:

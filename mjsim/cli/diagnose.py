@@ -162,6 +162,10 @@ def say_how_long(campaign) -> Callable[[], None]:
 _FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
 
 
+#: Of axis logs, where more is left than the machine's class explains.
+_MORE_IS_LEFT = "Unknown: more is left than a sound machine leaves, and no effect of the catalogue explains it."
+
+
 def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None:
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
@@ -173,7 +177,10 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
     from mjsim.workflow.diagnosis import VERDICTS
 
     calibration = data.get("calibration", ())
-    common.paragraph(VERDICTS[data["verdict"]])
+    left_first = data["verdict"] == "unknown" and "data_sheet" in data  # of axis logs, what is left comes first
+    common.paragraph(_MORE_IS_LEFT if left_first else VERDICTS[data["verdict"]])
+    if left_first:
+        _show_rest(data)
     fitted = _FITTED[bool(calibration)]
     if data["rms_before_um"] or data["noise_um"]:
         common.paragraph(
@@ -200,11 +207,9 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         common.paragraph(calibration_sentence(data))
         show_combinations(data)
         show_conformity(data.get("budget", []))
-    if data["unexplained"]:
+    if data["unexplained"] and not left_first:
         click.echo()
-        _show_unexplained(data["unexplained"])
-        if data["verdict"] == "unknown" and data["effects"]:
-            common.paragraph("The effects describe a part of the error. The unknown cause may look like them.")
+        _show_rest(data)
     if "data_sheet" in data:
         click.echo()
         show_logs(data | {"unexplained": None}, "with all of them")
@@ -230,6 +235,14 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
             common.paragraph(f"mjsim explain {campaign} {which}   shows its signature, and what looks like it", "  ")
         table = "the calibration against its limits and " if calibration else ""
         common.paragraph(f"mjsim report {campaign}   shows {table}the error by cause", "  ")
+
+
+def _show_rest(data: dict) -> None:
+    """What no effect of the catalogue explains."""
+    if data["unexplained"]:
+        _show_unexplained(data["unexplained"])
+        if data["verdict"] == "unknown" and data["effects"]:
+            common.paragraph("The effects describe a part of the error. The unknown cause may look like them.")
 
 
 def _show_unexplained(rest: dict) -> None:

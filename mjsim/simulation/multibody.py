@@ -113,23 +113,28 @@ def simulate_each(
     tests = list(tests)
     check_axes(plant.chain, tests)
 
-    together: dict[str, list[BallBarTest]] = {}
-    for test in tests:  # readings of one recording are of one motion
-        together.setdefault(test.recording, []).append(test)
-    runs = list(together.values())
+    together: dict[str | int, list[int]] = {}
+    for k, test in enumerate(tests):  # coordinates of one recording are of one motion
+        together.setdefault(test.recording if test.component else k, []).append(k)
+    places = list(together.values())
+    runs = [[tests[k] for k in mine] for mine in places]
     # in the calling thread, where calls of a user's own code have a time limit
     own = [own_effects(plant, r[0], _grid(Program(r[0]), step)) if plant.python_effects else None for r in runs]
 
-    def one(readings: list[BallBarTest], added: np.ndarray | None) -> list[tuple[str, T]]:
-        out = [(s.test.name, keep(s)) for s in _run(prepare(model, plant, readings[0], step, added), readings)]
+    def one(readings: list[BallBarTest], added: np.ndarray | None) -> list[T]:
+        out = [keep(s) for s in _run(prepare(model, plant, readings[0], step, added), readings)]
         if done:
             for test in readings:
                 done(test)
         return out
 
     with callback.installed(), ThreadPoolExecutor(max(1, min(threads, len(runs)))) as pool:
-        found = dict(result for results in pool.map(one, runs, own) for result in results)
-    return [found[test.name] for test in tests]
+        found = {
+            k: x
+            for mine, out in zip(places, pool.map(one, runs, own), strict=True)
+            for k, x in zip(mine, out, strict=True)
+        }
+    return [found[k] for k in range(len(tests))]
 
 
 def check_axes(chain: Chain, tests: Iterable[BallBarTest]) -> None:

@@ -204,13 +204,14 @@ def log_gains(
     for axis in recorded_axes(campaign.measured):
         fitter = LogFitter(machine, axis_data(campaign, axis, machine), threads)
         fit = fit_as_given(fitter, machine)
-        noise = float(np.sum(np.square(fitter.noise)))
-        now = float(fit.mean_squares.sum())
+        # what a torque was recorded of is in its own units
+        noise = float(np.sum(np.square(fitter.noise[: fit.positions])))
+        now = float(fit.mean_squares[: fit.positions].sum())
         for candidate in Catalogue(machine, fitter.data).missing(fit.model, strongest_orders(fitter, fit)):
             if stopped():
                 raise Stopped
             step = LogModel(take_first_steps(fitter, fit, candidate), (candidate,))
-            left = float(step.fit.mean_squares.sum())
+            left = float(step.fit.mean_squares[: fit.positions].sum())
             share = min(max((now - left) / (now - noise), 0.0), 1.0) if now > noise else 0.0
             best = out.get(candidate.effect.id)
             if best is None or share > best.share:
