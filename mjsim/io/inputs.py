@@ -5,7 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import zlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -113,6 +113,22 @@ def check_columns(path: Path, names: list[str], allowed: Collection[str], what: 
             raise InputError(f"{path}, line 1: column {shown(name)}; allowed{of}: {', '.join(allowed)}")
         if names.count(name) > 1:
             raise InputError(f"{path}, line 1: the column {name} appears {names.count(name)} times; allowed: once")
+
+
+def need_columns(path: Path, names: list[str], need: Sequence[str]) -> None:
+    """Refuse a file that lacks a column.
+
+    Args:
+        path: The file.
+        names: Of its columns.
+        need: Names that they must have.
+
+    Raises:
+        InputError: Names the first one that is missing.
+    """
+    for name in need:
+        if name not in names:
+            raise InputError(f"{path}, line 1: the column {name} is missing")
 
 
 def csv_rows(path: Path, body: str, names: list[str]) -> tuple[np.ndarray, np.ndarray]:

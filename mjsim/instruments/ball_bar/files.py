@@ -146,15 +146,16 @@ def test_table(test: BallBarTest) -> dict:
     out: dict = {"name": test.name, "kind": test.kind}
     for key in (k for k in kind_of(test).keys if k.given(test)):
         value = key.of(test)
-        out[key.name] = value if key.unit is None else _plain(value / key.unit)
+        out[key.name] = value if key.unit is None else plain(value / key.unit)
     out |= {
-        "table_ball_mm": [_plain(x / MM) for x in test.table_ball],
-        "bar_length_mm": _plain(test.length / MM),
-        "feed_mm_min": _plain(test.feed / MM * 60.0),
+        "table_ball_mm": [plain(x / MM) for x in test.table_ball],
+        "bar_length_mm": plain(test.length / MM),
+        "feed_mm_min": plain(test.feed / MM * 60.0),
     }
-    turned = {"spindle_deg": _plain(test.spindle / DEG)} if test.spindle else {}
+    turned = {"spindle_deg": plain(test.spindle / DEG)} if test.spindle else {}
     return out | turned | ({"setup": test.setup} if test.setup else {})
 
 
-def _plain(x: float) -> float:
+def plain(x: float) -> float:
+    """A number as a table has it, without the noise of its last digits."""
     return float(f"{x:.9g}")

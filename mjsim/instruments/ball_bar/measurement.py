@@ -77,6 +77,11 @@ class BallBarTest:
         """Name of the recording that it comes from: readings of one share its clock."""
         return self.name
 
+    @property
+    def readings(self) -> list[BallBarTest]:
+        """What its recording reads: all coordinates of an R-test, or itself alone."""
+        return [replace(self, component=c) for c in COORDINATES] if self.component else [self]
+
 
 @dataclass(frozen=True)
 class Trace:

@@ -13,13 +13,9 @@ from mjsim.instruments.schema import Clock, Length, Table, Text, one_of, printab
 from mjsim.machine.chain import FIVE_AXIS, Chain
 
 
-class BallBarTable(Table):
-    """The keys that every ``[[test]]`` may have. :func:`ball_bar_table` has those of single kinds as well."""
+class MotionTable(Table):
+    """The keys of every ``[[test]]`` that is a motion."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
-    kind: Annotated[str, AfterValidator(one_of(lambda: KINDS))]
-    table_ball_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
-    bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
     feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
     trace: str | None = None
     program: str | None = None
@@ -30,6 +26,15 @@ class BallBarTable(Table):
     setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
     started_s: Clock = 0.0
     spindle_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+
+
+class BallBarTable(MotionTable):
+    """The keys that every ball-bar test may have. :func:`ball_bar_table` has those of single kinds as well."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=100)]
+    kind: Annotated[str, AfterValidator(one_of(lambda: KINDS))]
+    table_ball_mm: Annotated[list[Length], Field(min_length=3, max_length=3)]
+    bar_length_mm: Annotated[float, Field(ge=20, le=1000)]
 
 
 def ball_bar_table(chain: Chain = FIVE_AXIS) -> type[BallBarTable]:

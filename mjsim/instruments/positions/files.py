@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.positions.measurement import READING_TIME, PositionTest, Readings, sides_of
 from mjsim.instruments.schema import Clock, Length, Table, printable
-from mjsim.io.inputs import check_columns, csv_table, shown
+from mjsim.io.inputs import check_columns, csv_table, need_columns, shown
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM, UM
@@ -217,8 +217,7 @@ def _check_header(path: Path, names: list[str], test: PositionTest) -> None:
     """Refuse columns that are missing, unknown or double."""
     units = deviation_columns(test)
     check_columns(path, names, [target_column(test), *units, *MORE], test.component)
-    if target_column(test) not in names:
-        raise InputError(f"{path}, line 1: the column {target_column(test)} is missing")
+    need_columns(path, names, [target_column(test)])
     if len([n for n in names if n in units]) != 1:
         raise InputError(f"{path}, line 1: allowed: one column of {' or '.join(units)}")
 

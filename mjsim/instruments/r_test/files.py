@@ -11,13 +11,14 @@ import numpy as np
 from pydantic import AfterValidator, Field, create_model
 
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.files import check_duration
+from mjsim.instruments.ball_bar.files import check_duration, plain
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.kinds.base import Angle
+from mjsim.instruments.ball_bar.tables import MotionTable
 from mjsim.instruments.r_test.measurement import Nest, NestTrace, SphereReading
-from mjsim.instruments.schema import Clock, Length, Table, one_of, printable
+from mjsim.instruments.schema import Length, one_of
 from mjsim.instruments.sphere.files import DEVIATIONS
-from mjsim.io.inputs import check_columns, csv_table
+from mjsim.io.inputs import check_columns, csv_table, need_columns
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
 from mjsim.units import DEG, MM, UM
@@ -30,7 +31,7 @@ _READ = tuple(f"d{c.lower()}" for c in COORDINATES)
 _OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung", "sensor", "")
 
 
-class RTestTable(Table):
+class RTestTable(MotionTable):
     """A ``[[test]]`` table of an R-test."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$", max_length=90)]
@@ -40,16 +41,6 @@ class RTestTable(Table):
     to_deg: Angle
     second_from_deg: Angle | None = None
     second_to_deg: Angle | None = None
-    feed_mm_min: Annotated[float, Field(gt=0, le=100000)]
-    trace: str | None = None
-    program: str | None = None
-    program_dialect: Literal["fanuc", "siemens", "linuxcnc", "heidenhain"] | None = None
-    program_reversed: list[str] | None = None
-    program_rollover: bool | None = None
-    driven_by: str | None = None
-    setup: Annotated[str, Field(max_length=200), AfterValidator(printable)] | None = None
-    started_s: Clock = 0.0
-    spindle_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
 def r_test_table(chain: Chain = FIVE_AXIS) -> type[RTestTable]:
@@ -106,27 +97,23 @@ def readings_of_table(file: Path, t: Any, chain: Chain) -> tuple[SphereReading, 
 
 def test_table(test: SphereReading) -> dict[str, Any]:
     """The ``[[test]]`` table of a planned R-test, from one of its readings."""
-    second = {f"second_{k}_deg": _plain(float(test.more[f"second_{e}"]) / DEG) for k, e in _ENDS} if test.more else {}
-    turned = {"spindle_deg": _plain(test.spindle / DEG)} if test.spindle else {}
+    second = {f"second_{k}_deg": plain(float(test.more[f"second_{e}"]) / DEG) for k, e in _ENDS} if test.more else {}
+    turned = {"spindle_deg": plain(test.spindle / DEG)} if test.spindle else {}
     return {
         "name": test.recording,
         "kind": test.instrument,
-        "sphere_mm": [_plain(v / MM) for v in test.table_ball],
+        "sphere_mm": [plain(v / MM) for v in test.table_ball],
         "axis": test.axis,
-        "from_deg": _plain(test.start / DEG),
-        "to_deg": _plain(test.stop / DEG),
+        "from_deg": plain(test.start / DEG),
+        "to_deg": plain(test.stop / DEG),
         **second,
-        "feed_mm_min": _plain(test.feed / MM * 60.0),
+        "feed_mm_min": plain(test.feed / MM * 60.0),
         **turned,
         "setup": test.setup,
     }
 
 
 _ENDS = (("from", "start"), ("to", "stop"))
-
-
-def _plain(x: float) -> float:
-    return float(f"{x:.9g}")
 
 
 def read_nest(path: Path, test: SphereReading, nest: Nest) -> NestTrace:
@@ -150,9 +137,7 @@ def read_nest(path: Path, test: SphereReading, nest: Nest) -> NestTrace:
 
 def _check_header(path: Path, names: list[str], need: Sequence[str]) -> None:
     check_columns(path, names, need)
-    for name in need:
-        if name not in names:
-            raise InputError(f"{path}, line 1: the column {name} is missing")
+    need_columns(path, names, need)
 
 
 def nest_trace(path: Path, test: SphereReading, time: np.ndarray, vector: np.ndarray, nest: Nest) -> NestTrace:

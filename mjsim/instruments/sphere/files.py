@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.schema import Clock, Length, Number, Table, printable
 from mjsim.instruments.sphere.measurement import POINT_TIME, Points, SphereTest, sides_of
-from mjsim.io.inputs import check_columns, csv_table
+from mjsim.io.inputs import check_columns, csv_table, need_columns
 from mjsim.io.times import check_growing
 from mjsim.machine.chain import COORDINATES, Chain, chain_of
 from mjsim.units import DEG, MM, UM
@@ -158,9 +158,7 @@ def _check_header(path: Path, names: list[str], test: SphereTest) -> None:
             f'has kind = "r_test"; allowed: one row a point, with the columns {", ".join(need)}'
         )
     check_columns(path, names, allowed)
-    for name in need:
-        if name not in names:
-            raise InputError(f"{path}, line 1: the column {name} is missing")
+    need_columns(path, names, need)
 
 
 def file_columns(chain: Chain) -> dict[str, tuple[str, str]]:
