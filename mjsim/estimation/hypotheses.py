@@ -154,6 +154,16 @@ def entries_of(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
     return [(None, np.array(f.linear if f.linear else range(len(f.vector))))]
 
 
+def _of_cause(f: EffectVector, log_odds: float, wave: int | None, entries: np.ndarray) -> Hypothesis:
+    """A cause of the model, or one of its waves."""
+    return Hypothesis(f.effect.key, log_odds, widths_of(f.effect), f, wave, entries, present=True)
+
+
+def _of_candidate(c: Candidate, log_odds: float) -> Hypothesis:
+    """A cause that is not in the model."""
+    return Hypothesis(c.effect.key, log_odds, widths_of(c.effect), candidate=c)
+
+
 class Hypotheses:
     """All hypotheses beside one fitted model, in one linear problem.
 
@@ -194,9 +204,7 @@ class Hypotheses:
             mine = have.get(c.effect.key)
             if at.stop > at.start and (mine is None or c.at_another_order(mine)):
                 odds = prior_log_odds(c.effect, count[c.effect.id])
-                rows.append(
-                    (Hypothesis(c.effect.key, odds, widths_of(c.effect), candidate=c), np.arange(at.start, at.stop))
-                )
+                rows.append((_of_candidate(c, odds), np.arange(at.start, at.stop)))
         products = products.extended(design[0])
         more: list[np.ndarray] = []
         place = width + p
@@ -206,8 +214,7 @@ class Hypotheses:
             ranked = sorted(((gain, c) for gain, c in gains if c is not None), key=lambda row: -row[0])
             for c, columns in further(ranked):
                 odds = prior_log_odds(c.effect, count.get(c.effect.id, 1))
-                h = Hypothesis(c.effect.key, odds, widths_of(c.effect), candidate=c)
-                rows.append((h, place + np.arange(columns.shape[1])))
+                rows.append((_of_candidate(c, odds), place + np.arange(columns.shape[1])))
                 more.append(columns)
                 place += columns.shape[1]
         for curve in curves:
@@ -245,24 +252,14 @@ class Hypotheses:
                     if _is_given(f, wave, fit.base):
                         continue
                     odds = prior_log_odds(f.effect, count.get(f.effect.id, 1))
-                    inside.append(
-                        (
-                            Hypothesis(f.effect.key, odds, widths_of(f.effect), f, wave, entries, present=True),
-                            at[entries],
-                        )
-                    )
+                    inside.append((_of_cause(f, odds, wave, entries), at[entries]))
                 continue
             mean, deviation, own = mine.prior_of(f)
             released.append(f.with_prior(mean, deviation))
             for wave, entries in entries_of(f):
                 if not own[entries].all():
                     odds = prior_log_odds(f.effect, 1)
-                    inside.append(
-                        (
-                            Hypothesis(f.effect.key, odds, widths_of(f.effect), f, wave, entries, present=True),
-                            at[entries],
-                        )
-                    )
+                    inside.append((_of_cause(f, odds, wave, entries), at[entries]))
                     continue
                 limit = LIMIT_DEVIATIONS * deviation[entries]
                 is_wider = f.prior is not None and bool((f.prior[1][entries] > 1.001 * deviation[entries]).any())

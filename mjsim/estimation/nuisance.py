@@ -102,6 +102,11 @@ class Nuisances(Parameters):
         return float(TRIGGER * vector[self.place(TRIGGERS, recording)])
 
 
+def set_up_sizes(test: BallBarTest) -> tuple[int, int]:
+    """How many of :func:`set_up_columns` are of the set-up, and how many, behind these, of the instrument."""
+    return (len(_SPHERE), len(_NEST)) if test.component else (len(_OFFSETS), 1)
+
+
 def instrument_blocks() -> list[Block]:
     """What a ball bar and the nest of an R-test add to readings in all set-ups."""
     return [Block.normal(BAR_LENGTH, ("length",)), Block.normal(NEST, _NEST)]

@@ -202,10 +202,10 @@ def explain(
         found = study_of_member(problem, model.fit, mine)
     else:  # beside the noise alone: what is left may be all its doing
         found = study_of_candidate(search.plain, search.whitened_by(model, search.plain), effect)
-    probability = probability_of(search.log_odds(model, effect))
+    probability = 0.0 if found is None else float(expit(search.log_odds(model, effect)))
     alone = None
     if named and found is not None and not mine:
-        alone = probability_of(search.log_odds(search.of_effects(of_class, expected), effect))
+        alone = float(expit(search.log_odds(search.of_effects(of_class, expected), effect)))
     role, reason = reason_of(Case(effect, result, found, problem, probability, alone))
     if found is None:
         nothing = cls(subject, **_typical_values(cls, subject, machine))
@@ -245,11 +245,6 @@ def _typical_values(cls: type[Effect], subject: str, machine: Machine) -> dict:
     if any(p.kind == "components" for p in parameters):
         return {"components": []}
     return next(iter(cls.search.seeds_of(parameters, subject, machine.chain, machine.sensors)), {})
-
-
-def probability_of(log_odds: float) -> float:
-    """Probability of what has these log odds."""
-    return float(expit(log_odds))
 
 
 def _rms(x: np.ndarray) -> float:

@@ -7,6 +7,7 @@ the balls' offsets, so that their eccentricities have to agree.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ _SHIFTS = np.arange(-12, 13) * GRID
 _NOISE = 0.1e-6
 #: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far
 #: from their priors.
-REST, POINTS = 1e-6, 50.0
+_REST, _POINTS = 1e-6, 50.0
 
 
 @dataclass(frozen=True)
@@ -119,25 +120,34 @@ def disagreement(parts: list[tuple[Variant, Samples, float]]) -> float:
 
     As the RMS (m) that one test would have, were it all in that one.
     """
-    a, b, total, count = np.zeros((7, 7)), np.zeros(7), 0.0, []
+    rows = left_together(parts, [variant.balls(s) for variant, s, _ in parts])
+    total = sum(float(np.sum(r**2)) for r in rows)
+    return float(np.sqrt(total / max(1.0, np.median([len(r) for r in rows]))))
+
+
+def left_together(parts: list[tuple[Variant, Samples, float]], shared: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """What tests leave when they share some errors and the bar's length, and each has its own trigger and level.
+
+    Args:
+        parts: Of each test a variant, a trace, the trace's factor.
+        shared: Columns of the shared errors, (blocks, k) m per usual size.
+
+    Returns:
+        The residual of the good blocks of each test, m.
+    """
     rows = []
-    for variant, s, factor in parts:
+    for (variant, s, factor), errors in zip(parts, shared, strict=True):
         modelled = s.sample(variant.reading, 0.0)
         lag = np.gradient(modelled, s.block) * TRIGGER
         own = np.column_stack([lag, np.ones(len(lag))])[s.good]
         q = np.linalg.qr(own)[0]
-        columns = np.column_stack([variant.balls(s), np.full(len(lag), LENGTH)])[s.good]
+        columns = np.column_stack([errors, np.full(len(lag), LENGTH)])[s.good]
         d = (factor * s.mean - modelled)[s.good]
-        columns, d = columns - q @ (q.T @ columns), d - q @ (q.T @ d)
-        rows.append((columns, d))
-        weight = POINTS / max(1, len(d))
-        a += weight * columns.T @ columns
-        b += weight * columns.T @ d
-    x = ridge_solution(a, b, REST**2)
-    for columns, d in rows:
-        total += float(np.sum((d - columns @ x) ** 2))
-        count.append(len(d))
-    return float(np.sqrt(total / max(1.0, np.median(count))))
+        rows.append((columns - q @ (q.T @ columns), d - q @ (q.T @ d)))
+    a = sum(_POINTS / max(1, len(d)) * columns.T @ columns for columns, d in rows)
+    b = sum(_POINTS / max(1, len(d)) * columns.T @ d for columns, d in rows)
+    x = ridge_solution(np.asarray(a), np.asarray(b), _REST**2)
+    return [d - columns @ x for columns, d in rows]
 
 
 def _sharp(x: np.ndarray, width: float) -> np.ndarray:

@@ -17,11 +17,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit, logit
 
-from mjsim.estimation.least_squares import ridge_solution
-from mjsim.estimation.mistakes.evidence import POINTS, REST, Variant
+from mjsim.estimation.mistakes.evidence import Variant, left_together
 from mjsim.estimation.mistakes.mistakes import Mistake
 from mjsim.estimation.mistakes.state import State
-from mjsim.estimation.nuisance import LENGTH, TRIGGER
 from mjsim.estimation.samples import GRID_STEPS, Samples
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
@@ -137,22 +135,14 @@ def left_by_geometry(variants: Sequence[Variant], traces: Sequence[Samples], amo
         RMS of each of these tests, m.
     """
     setups = list(dict.fromkeys(v.test.setup for v in variants))
-    blocks = []
+    shared = []
     for variant, s in zip(variants, traces, strict=True):
-        modelled = s.sample(variant.reading, 0.0)
-        own = np.column_stack([np.gradient(modelled, s.block) * TRIGGER, np.ones(len(modelled))])[s.good]
-        q = np.linalg.qr(own)[0]
-        balls = np.zeros((len(modelled), 6 * len(setups)))
+        balls = np.zeros((len(s.centre), 6 * len(setups)))
         at = 6 * setups.index(variant.test.setup)
         balls[:, at : at + 6] = variant.balls(s)
-        columns = np.column_stack([balls, np.full(len(modelled), LENGTH), _location(variant, s)])[s.good]
-        d = (s.mean - modelled)[s.good]
-        blocks.append((columns - q @ (q.T @ columns), d - q @ (q.T @ d)))
-    weights = [POINTS / len(d) for _, d in blocks]
-    a = np.sum([w * c.T @ c for w, (c, _) in zip(weights, blocks, strict=True)], axis=0)
-    b = np.sum([w * c.T @ d for w, (c, d) in zip(weights, blocks, strict=True)], axis=0)
-    x = ridge_solution(a, b, REST**2)
-    return np.array([np.sqrt(np.mean((blocks[k][1] - blocks[k][0] @ x) ** 2)) for k in among])
+        shared.append(np.column_stack([balls, _location(variant, s)]))
+    rows = left_together([(v, s, 1.0) for v, s in zip(variants, traces, strict=True)], shared)
+    return np.array([np.sqrt(np.mean(rows[k] ** 2)) for k in among])
 
 
 def _location(variant: Variant, s: Samples) -> np.ndarray:

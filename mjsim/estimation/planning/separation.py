@@ -20,13 +20,12 @@ from mjsim.estimation.kept_changes import KeptChanges
 from mjsim.estimation.least_squares import ridge_solution
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.noise import Noise
-from mjsim.estimation.nuisance import BAR_LENGTH, NEST, TRIGGER, instrument_blocks, set_up_columns
+from mjsim.estimation.nuisance import BAR_LENGTH, NEST, TRIGGER, instrument_blocks, set_up_columns, set_up_sizes
 from mjsim.estimation.parameters import Block, Parameters
 from mjsim.estimation.posterior import Posterior
 from mjsim.estimation.problem import sheet_grid, sheet_plants
 from mjsim.estimation.samples import BLOCKS, GRID_STEPS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.machine.chain import COORDINATES
 from mjsim.machine.model import Machine, build
 from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion, motions_of
@@ -134,8 +133,7 @@ class Separator:
 
     def of(self, test: BallBarTest) -> Separation:
         """Deviance and difference of one test."""
-        readings = [replace(test, component=c) for c in COORDINATES] if test.component else [test]
-        d, J, rows = (np.concatenate(x) for x in zip(*map(self._seen_by, motions_of(readings, 12)), strict=True))
+        d, J, rows = (np.concatenate(x) for x in zip(*map(self._seen_by, motions_of(test.readings, 12)), strict=True))
         if np.std(d) < 0.02 * self.noise.rms:
             return Separation(test, 0.0, 0.0)
         dw, Jw = rows[:, 0], rows[:, 1:]
@@ -187,7 +185,7 @@ class Separator:
         """
         plant, other = self._plants[1], self.other
         sens = motion.sensitivity(plant, GRID_STEPS)
-        set_up, own = set_up_columns(motion.test, sens, np.zeros((len(base), 3))), 3 if motion.test.component else 6
+        set_up, (own, _) = set_up_columns(motion.test, sens, np.zeros((len(base), 3))), set_up_sizes(motion.test)
         yield from set_up[:, :own].T
         yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
         yield from set_up[:, own:].T

@@ -20,7 +20,7 @@ from mjsim.estimation.data_sheet import sheet_of
 from mjsim.estimation.effect_vector import EffectVector
 from mjsim.estimation.linearisation import Linearisation
 from mjsim.estimation.noise import usual_noise
-from mjsim.estimation.nuisance import TRIGGER, set_up_columns
+from mjsim.estimation.nuisance import TRIGGER, set_up_columns, set_up_sizes
 from mjsim.estimation.planning.candidates import motions_at, reachable, renamed
 from mjsim.estimation.planning.next_test import typical
 from mjsim.estimation.planning.separation import Unmeasured, whitened
@@ -33,7 +33,6 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import table_of
 from mjsim.instruments.r_test.measurement import USUAL_NOISE
-from mjsim.machine.chain import COORDINATES
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent
 from mjsim.simulation.axes import AxesMotion, motions_of
@@ -143,8 +142,7 @@ class CampaignPlanner:
         self._tests = tests
         sensors = bool(tests[0].component)
         self._noise = usual_noise(rms=USUAL_NOISE) if sensors else usual_noise()
-        # numbers of the instrument, which all set-ups share, and of each set-up
-        self._own, self._setup_size = (9, 3) if sensors else (1, 6)
+        self._setup_size, self._own = set_up_sizes(tests[0])
         done = 0
         for n in range(0, len(tests), threads):
             self._add(tests[n : n + threads])
@@ -191,8 +189,7 @@ class CampaignPlanner:
 
     def _information_of(self, test: BallBarTest) -> np.ndarray:
         """What a test tells of effects, data sheet, instrument and set-up, its trigger unknown."""
-        readings = [replace(test, component=c) for c in COORDINATES] if test.component else [test]
-        rows = _without_trigger(np.vstack([self._rows_of(m) for m in motions_of(readings, keep=2)]))
+        rows = _without_trigger(np.vstack([self._rows_of(m) for m in motions_of(test.readings, keep=2)]))
         return rows.T @ rows
 
     def _rows_of(self, motion: AxesMotion) -> np.ndarray:
