@@ -326,6 +326,18 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
 
 
+def two_cones():
+    """A sound machine, and two of its tests in which C goes round."""
+    campaign = read_campaign(examples() / "healthy")
+    machine = read_machine(campaign.machine_file)
+    tests = tuple(t for t in campaign.tests if t.name in ("cone15-y50-ccw", "cone15-x50-ccw"))
+    problem = trusted_problem(
+        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
+        build(machine),
+    )
+    return machine, problem
+
+
 @pytest.mark.parametrize("moves", ["X", "C", "table y", "table radial"])
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
@@ -335,13 +347,7 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     from mjsim.estimation.effect_file import effect_source
     from mjsim.estimation.fit import Fitter
 
-    campaign = read_campaign(examples() / "healthy")
-    machine = read_machine(campaign.machine_file)
-    tests = tuple(t for t in campaign.tests if t.name in ("cone15-y50-ccw", "cone15-x50-ccw"))
-    problem = trusted_problem(
-        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
-        build(machine),
-    )
+    machine, problem = two_cones()
     fit = Fitter(problem, machine).fit([])
     terms = CurveTerms(problem, fit)
     if moves == "table radial":
@@ -368,13 +374,7 @@ def test_an_oval_table_is_one_wave_along_the_radius():
     from mjsim.estimation.fit import Fitter
     from mjsim.estimation.unknown_curves import best_curves
 
-    campaign = read_campaign(examples() / "healthy")
-    machine = read_machine(campaign.machine_file)
-    tests = tuple(t for t in campaign.tests if t.name in ("cone15-y50-ccw", "cone15-x50-ccw"))
-    problem = trusted_problem(
-        dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
-        build(machine),
-    )
+    machine, problem = two_cones()
     (term,) = radial_curves(CurveTerms(problem, Fitter(problem, machine).fit([])))
     oval = 3.0 * np.cos(2.0 * term.knots - 0.5)
     samples = []

@@ -162,10 +162,6 @@ def say_how_long(campaign) -> Callable[[], None]:
 _FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
 
 
-#: Of axis logs, where more is left than the machine's class explains.
-_MORE_IS_LEFT = "Unknown: more is left than a sound machine leaves, and no effect of the catalogue explains it."
-
-
 def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None:
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
@@ -174,11 +170,12 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         campaign: Its folder, for the commands that are proposed.
         explained: Whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
     """
+    from mjsim.workflow.axis_log.diagnosis import MORE_IS_LEFT
     from mjsim.workflow.diagnosis import VERDICTS
 
     calibration = data.get("calibration", ())
     left_first = data["verdict"] == "unknown" and "data_sheet" in data  # of axis logs, what is left comes first
-    common.paragraph(_MORE_IS_LEFT if left_first else VERDICTS[data["verdict"]])
+    common.paragraph(f"Unknown: {MORE_IS_LEFT}." if left_first else VERDICTS[data["verdict"]])
     if left_first:
         _show_rest(data)
     fitted = _FITTED[bool(calibration)]

@@ -18,7 +18,7 @@ from mjsim.report.page import data_uri
 from mjsim.units import DEG, UM, percent, unit_of
 from mjsim.workflow.any_instrument import PlainTest
 from mjsim.workflow.axis_log.compare import ComparedAxis
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.workflow.axis_log.diagnosis import MORE_IS_LEFT, LogDiagnosis
 from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest
 from mjsim.workflow.diagnosis import AtRest, Diagnosis
 from mjsim.workflow.finding import DiagnosedEffect
@@ -26,7 +26,7 @@ from mjsim.workflow.finding import DiagnosedEffect
 _SENTENCES = {
     "identified": "These effects are missing from the model, and nothing else explains the logs as well.",
     "ambiguous": "Some of these effects cannot be told from others by these logs.",
-    "unknown": "More is left than a sound machine leaves, and no effect of the catalogue explains it.",
+    "unknown": f"{MORE_IS_LEFT.capitalize()}.",
     "nothing_found": "The model explains the logs within the tolerances of the data sheet.",
 }
 _OF_POINTS = {

@@ -20,6 +20,9 @@ from mjsim.units import DEG, MM, UM
 from mjsim.workflow.axis_log.compare import LogComparison
 from mjsim.workflow.finding import DiagnosedEffect, rounded
 
+#: Why the verdict is ``unknown``.
+MORE_IS_LEFT = "more is left than a sound machine leaves, and no effect of the catalogue explains it"
+
 
 @dataclass(frozen=True)
 class SheetNumber:
