@@ -8,6 +8,18 @@ from mjsim.campaign.files import read_campaign as read_campaign
 from mjsim.campaign.machine_file import read_machine as read_machine
 from mjsim.campaign.machine_file import write_machine as write_machine
 from mjsim.campaign.new import new_campaign as new_campaign
+from mjsim.commands.calibrate import calibrate as calibrate
+from mjsim.commands.check import check as check
+from mjsim.commands.check import write_corrected as write_corrected
+from mjsim.commands.compare import compare as compare
+from mjsim.commands.diagnose import diagnose as diagnose
+from mjsim.commands.edit import add as add
+from mjsim.commands.edit import remove as remove
+from mjsim.commands.explain import explain as explain
+from mjsim.commands.export import export as export
+from mjsim.commands.geometry import geometry as geometry
+from mjsim.commands.history import read_history as history
+from mjsim.commands.plan import plan as plan
 from mjsim.compensation.compensate import compensate as compensate
 from mjsim.compensation.compensate import write_compensation as write_compensation
 from mjsim.compensation.controls import Settings as ControlSettings
@@ -16,11 +28,11 @@ from mjsim.effects.registry import make as make_effect
 from mjsim.effects.registry import register as register
 from mjsim.errors import InputError as InputError
 from mjsim.errors import SimulationError as SimulationError
-from mjsim.estimation.pitch.identify import identify_pitch_errors as identify_pitch_errors
 from mjsim.importing.features import import_features as import_features
 from mjsim.importing.features import imported_features as imported_features
 from mjsim.importing.importer import import_trace as import_trace
 from mjsim.importing.logs import import_log as import_log
+from mjsim.inference.pitch.identify import identify_pitch_errors as identify_pitch_errors
 from mjsim.instruments.ball_bar.program import driven_by as driven_by
 from mjsim.linuxcnc.configuration import Settings as LinuxCNCSettings
 from mjsim.linuxcnc.run import run_test as run_on_linuxcnc
@@ -41,18 +53,6 @@ from mjsim.report.certificate import make_certificate as make_certificate
 from mjsim.report.write import report as make_report
 from mjsim.simulation.multibody import simulate as simulate
 from mjsim.workbench.state import workbench as open_workbench
-from mjsim.workflow.calibrate import calibrate as calibrate
-from mjsim.workflow.check import check as check
-from mjsim.workflow.check import write_corrected as write_corrected
-from mjsim.workflow.compare import compare as compare
-from mjsim.workflow.diagnose import diagnose as diagnose
-from mjsim.workflow.edit import add as add
-from mjsim.workflow.edit import remove as remove
-from mjsim.workflow.explain import explain as explain
-from mjsim.workflow.export import export as export
-from mjsim.workflow.geometry import geometry as geometry
-from mjsim.workflow.history import read_history as history
-from mjsim.workflow.plan import plan as plan
 
 __version__: str
 __all__ = [

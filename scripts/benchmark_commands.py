@@ -22,10 +22,10 @@ from benchmark_page import Curve, Row
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
-from mjsim.estimation import signatures
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.mistakes.checked_problem import trusted_problem
-from mjsim.estimation.testability import detection_limits
+from mjsim.inference import signatures
+from mjsim.inference.fit import Fitter
+from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.testability import detection_limits
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.model import build

@@ -99,10 +99,10 @@ def answer(case, row: dict, heldout: bool | None = None) -> None:
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
+    from mjsim.commands.diagnose import diagnose
+    from mjsim.commands.diagnosis import write_effect_file
+    from mjsim.commands.edit import with_effect_file
     from mjsim.io.files import finite
-    from mjsim.workflow.diagnose import diagnose
-    from mjsim.workflow.diagnosis import write_effect_file
-    from mjsim.workflow.edit import with_effect_file
 
     with tempfile.TemporaryDirectory() as folder:
         heldout = case.erring if heldout is None else heldout

@@ -22,7 +22,7 @@ def one(family: str, seed: int) -> dict:
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.workflow.geometry import geometry
+    from mjsim.commands.geometry import geometry
 
     case = ChainCase(f"{family}-{seed}", family, 7000 + seed, (), True)
     _, effects = case.true()

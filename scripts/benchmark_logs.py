@@ -29,14 +29,14 @@ import numpy as np
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.axis_logs.candidates import Candidate, Catalogue
-from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.encoders import EncoderCatalogue
-from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.separability import intervals
-from mjsim.estimation.axis_logs.start import start_model
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
+from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.inference.axis_logs.candidates import Candidate, Catalogue
+from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.encoders import EncoderCatalogue
+from mjsim.inference.axis_logs.fit import LogFitter
+from mjsim.inference.axis_logs.separability import intervals
+from mjsim.inference.axis_logs.start import start_model
 from tests.independent.logs import (
     CAMPAIGN,
     Axis,

@@ -76,7 +76,7 @@ def run(case, kinds: list[str]) -> list[tuple[str, str, str]]:
 
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.estimation.mistakes.recognise import recognise
+    from mjsim.inference.mistakes.recognise import recognise
 
     rng = np.random.default_rng(zlib.crc32(case.name.encode()))
     rows = []
@@ -103,7 +103,7 @@ def with_wrong_sense(campaign, machine, rng):
     """Campaign and machine whose file has the other sense of a rotary axis that some test turns by its positions, and
     these tests; ``None`` where there is none.
     """
-    from mjsim.estimation.mistakes.sense import with_other_sense
+    from mjsim.inference.mistakes.sense import with_other_sense
 
     turned = {t.name: t.axis for t in campaign.measured if t.kind == "rotary"}
     if not turned:

@@ -19,10 +19,10 @@ from mjsim.animation.scene import Stage
 from mjsim.animation.story import tell
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
+from mjsim.commands import history as ladder
+from mjsim.commands.compare import compare
 from mjsim.effects.registry import make
 from mjsim.io.resources import examples
-from mjsim.workflow import history as ladder
-from mjsim.workflow.compare import compare
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 TESTS = ("cone15-centre-ccw", "cone45-x50-ccw", "cone15-y50-ccw", "rotary-a-tangential-ccw")

@@ -23,7 +23,7 @@ GROUND = "units, errors"
 
 
 def room_of(module: str) -> str:
-    """``mjsim.estimation.fit`` -> ``estimation``; modules beside the folders are one room; empty for the package
+    """``mjsim.inference.fit`` -> ``inference``; modules beside the folders are one room; empty for the package
     itself.
     """
     part = [*module.split("."), ""][1]

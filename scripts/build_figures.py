@@ -18,6 +18,10 @@ import numpy as np
 from PIL import Image
 
 from mjsim.campaign.files import read_campaign
+from mjsim.commands import history as ladder
+from mjsim.commands.ball_bar.compare import BarComparison
+from mjsim.commands.edit import Change, add
+from mjsim.commands.explain import explain
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples, scene_file
@@ -26,10 +30,6 @@ from mjsim.plots import polar, style
 from mjsim.plots.output import explanation_plot, ladder_plot, polar_traces, residual_trace
 from mjsim.plots.residual import residual_figure
 from mjsim.plots.save import save
-from mjsim.workflow import history as ladder
-from mjsim.workflow.ball_bar.compare import BarComparison
-from mjsim.workflow.edit import Change, add
-from mjsim.workflow.explain import explain
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 MODEL_PICTURE = scene_file().with_name("five_axis.png")

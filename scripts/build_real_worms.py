@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.new_machine import new_log_campaign
-from mjsim.estimation.pitch.encoders import EncoderPitch, identify_from_encoders
 from mjsim.importing.logs import import_log
+from mjsim.inference.pitch.encoders import EncoderPitch, identify_from_encoders
 from mjsim.plots import style
 from mjsim.plots.save import save
 from mjsim.units import DEG

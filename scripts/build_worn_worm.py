@@ -14,16 +14,16 @@ import numpy as np
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.campaign.model import Campaign
+from mjsim.commands.ball_bar.compare import BarComparison, ComparedBarTest, compare_bars
+from mjsim.commands.edit import add
 from mjsim.effects.registry import make
-from mjsim.estimation.pitch.identify import identify_pitch_errors
+from mjsim.inference.pitch.identify import identify_pitch_errors
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.plots import polar, style
 from mjsim.plots.output import polar_traces
 from mjsim.plots.save import save
 from mjsim.units import DEG, UM
-from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest, compare_bars
-from mjsim.workflow.edit import add
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"
 CAMPAIGN, EFFECT, TEST = "kato2013", "worm_wear.A", "cone15-centre-ccw"

@@ -20,12 +20,12 @@ import numpy as np
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.axis_logs.candidates import Catalogue
-from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.separability import intervals
-from mjsim.estimation.axis_logs.start import start_model
+from mjsim.inference.axis_logs.candidates import Catalogue
+from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.fit import LogFitter
+from mjsim.inference.axis_logs.gains import read_gains
+from mjsim.inference.axis_logs.separability import intervals
+from mjsim.inference.axis_logs.start import start_model
 from mjsim.instruments.axis_log.measurement import AxisRecord
 from mjsim.machine.model import Machine
 from mjsim.threads import one_blas_thread

@@ -4,7 +4,7 @@
 
 FOLDER is a checkout; this one by default. A room is a folder of ``mjsim/``. A module with one importer usually belongs
 into it. A number decides where it is a default of a class of settings, or a constant of a module in the rooms that
-answer (``estimation``, ``workflow``); sizes of numerical steps are among them.
+answer (``inference``, ``commands``); sizes of numerical steps are among them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 #: Rooms whose numbers steer an answer.
-DECIDING = ("estimation", "workflow")
+DECIDING = ("inference", "commands")
 
 
 def main() -> None:

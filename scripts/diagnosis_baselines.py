@@ -11,14 +11,14 @@ import itertools
 
 import numpy as np
 
-from mjsim.estimation.calibration import expected_effects
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.least_squares import LeastSquares
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.signatures import Candidate, SignatureBank, seeds
-from mjsim.estimation.spectrum import spectral_candidates
-from mjsim.estimation.vibration import separate
+from mjsim.inference.calibration import expected_effects
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fitter
+from mjsim.inference.least_squares import LeastSquares
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.signatures import Candidate, SignatureBank, seeds
+from mjsim.inference.spectrum import spectral_candidates
+from mjsim.inference.vibration import separate
 from mjsim.machine.model import build
 
 #: Matching pursuit ends where the next signature takes less than this off the sum of squares, in variances of the

@@ -80,7 +80,7 @@ BUGS = (
     Bug(
         "nuisance fit",
         "the trigger's derivative has the other sign",
-        "mjsim/estimation/problem.py",
+        "mjsim/inference/problem.py",
         "out[:, 7] = -s.sample",
         "out[:, 7] = s.sample",
         "test_estimation",
@@ -88,7 +88,7 @@ BUGS = (
     Bug(
         "prior odds",
         "most causes are expected in every machine",
-        "mjsim/estimation/hypotheses.py",
+        "mjsim/inference/hypotheses.py",
         "CAUSE = -7.0",
         "CAUSE = 7.0",
         "test_estimation test_bank test_examples",

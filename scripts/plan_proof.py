@@ -24,8 +24,8 @@ from independent.campaign import Case, write_files
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.diagnosis import Diagnosis
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.diagnosis import Diagnosis
 
 _SLOW_CONES = (layouts.cone(15, (50, 0), feed=800.0), layouts.cone(15, (0, 50), "CW", feed=800.0))
 _TURNS = tuple(layouts.rotary("C", *ends, (100, 0), "tangential", 2000.0) for ends in ((0, 360), (360, 0)))

@@ -19,18 +19,18 @@ import numpy as np
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.axis_logs.candidates import Catalogue
-from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.separability import intervals
-from mjsim.estimation.axis_logs.start import start_model
+from mjsim.commands.axis_log.compare import compare_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.inference.axis_logs.candidates import Catalogue
+from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.fit import LogFitter
+from mjsim.inference.axis_logs.gains import read_gains
+from mjsim.inference.axis_logs.separability import intervals
+from mjsim.inference.axis_logs.start import start_model
 from mjsim.instruments.axis_log.measurement import Recording
 from mjsim.machine.model import Machine
 from mjsim.units import UM
-from mjsim.workflow.axis_log.compare import compare_logs
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
 
 #: Published parameters of EMPS (Janot, Gautier, Brunot 2019): kg, N·s/m, N, N; and a period of its motion, s.
 PUBLISHED = {"inertia": 95.1089, "viscous": 203.5034, "coulomb": 20.3935, "offset": -3.1648}

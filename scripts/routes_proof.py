@@ -34,8 +34,8 @@ from independent import real_machines, routes, sphere  # noqa: E402
 
 from mjsim.campaign.files import read_campaign  # noqa: E402
 from mjsim.campaign.machine_file import read_machine  # noqa: E402
-from mjsim.workflow.at_rest import diagnose_at_rest  # noqa: E402
-from mjsim.workflow.diagnose import diagnose  # noqa: E402
+from mjsim.commands.at_rest import diagnose_at_rest  # noqa: E402
+from mjsim.commands.diagnose import diagnose  # noqa: E402
 
 TABLES = re.compile(r"(<!-- tables -->\n).*?(<!-- end of tables -->)", re.DOTALL)
 ROUTES = ("ball bar", "probe", "bar and probe", "probe, laser, logs")

@@ -34,9 +34,9 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, SIZES, TEMPLATES
 from mjsim.campaign.new_machine import machine_text
+from mjsim.commands.diagnose import diagnose
 from mjsim.io.files import finite
 from mjsim.machine.chain import chain_of
-from mjsim.workflow.diagnose import diagnose
 
 #: Velocity loops are tuned to the inertia within this factor.
 _TUNED = 1.5

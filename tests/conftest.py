@@ -93,7 +93,7 @@ def shared_results(tmp_path_factory):
 @pytest.fixture
 def fast_plans(monkeypatch):
     """What may be planned is first tried at 4000 mm/min: slow tests take long to simulate."""
-    monkeypatch.setattr("mjsim.estimation.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
+    monkeypatch.setattr("mjsim.inference.planning.candidates.FIRST_FEEDS", (4000 / 60e3,))
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from mjsim.estimation.samples import Samples, revolution_time
+from mjsim.inference.samples import Samples, revolution_time
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 
 CIRCLE = BallBarTest("c", "circular", (0.0, 0.0, 0.155), 0.1, 1 / 60, revolutions=2)

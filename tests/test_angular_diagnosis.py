@@ -10,11 +10,11 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.tolerance import VOLUMETRIC_TOLERANCE
 from mjsim.effects.registry import make
-from mjsim.estimation.calibration import calibrated_effects
-from mjsim.estimation.findings import explain
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import seeds
-from mjsim.estimation.vibration import Separated
+from mjsim.inference.calibration import calibrated_effects
+from mjsim.inference.findings import explain
+from mjsim.inference.problem import Problem
+from mjsim.inference.signatures import seeds
+from mjsim.inference.vibration import Separated
 from mjsim.machine.model import build
 from mjsim.simulation.axes import AxesMotion
 

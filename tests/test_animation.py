@@ -29,13 +29,13 @@ from mjsim.animation.story import FILL, tell
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_text, read_machine
 from mjsim.cli.main import main
+from mjsim.commands import history as ladder
+from mjsim.commands.compare import compare
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import bar_vector
-from mjsim.workflow import history as ladder
-from mjsim.workflow.compare import compare
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Both directions: one alone would let the balls' offsets explain the backlash.

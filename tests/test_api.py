@@ -27,7 +27,7 @@ def test_a_package_stays_a_package():
 
 @pytest.mark.parametrize("name", mjsim.__all__)
 def test_a_name_is_no_package(name):
-    for module in ("mjsim.workflow.compare", "mjsim.workflow.diagnose", "mjsim.effects", "mjsim.simulation.multibody"):
+    for module in ("mjsim.commands.compare", "mjsim.commands.diagnose", "mjsim.effects", "mjsim.simulation.multibody"):
         importlib.import_module(module)
     assert name not in ROOMS and not isinstance(getattr(mjsim, name), ModuleType)
 

@@ -5,12 +5,12 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.axis_logs.data import noise_of, period_of
-from mjsim.estimation.axis_logs.entries import AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import AxisFit
-from mjsim.estimation.axis_logs.together import known_together
-from mjsim.workflow.axis_log.compare import compare_logs
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.compare import compare_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.inference.axis_logs.data import noise_of, period_of
+from mjsim.inference.axis_logs.entries import AxisModel, Entry
+from mjsim.inference.axis_logs.fit import AxisFit
+from mjsim.inference.axis_logs.together import known_together
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 FRICTION = Axis(coulomb=0.12)

@@ -7,12 +7,12 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
+from mjsim.commands.axis_log.compare import checked_logs
 from mjsim.errors import InputError, SimulationError
 from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
 from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.model import build
 from mjsim.simulation.stability import check_stable
-from mjsim.workflow.axis_log.compare import checked_logs
 
 MACHINE = """\
 name = "table"

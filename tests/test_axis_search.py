@@ -9,15 +9,15 @@ from click.testing import CliRunner
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.cli.main import main
+from mjsim.commands.axis_log.compare import compare_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
 from mjsim.errors import InputError
-from mjsim.estimation.axis_logs.descent import Descended, Priors, bounded_step, descend
-from mjsim.estimation.axis_logs.discrepancy import discrepancy_of
-from mjsim.estimation.axis_logs.entries import AxisModel
-from mjsim.estimation.axis_logs.fit import independent_count
+from mjsim.inference.axis_logs.descent import Descended, Priors, bounded_step, descend
+from mjsim.inference.axis_logs.discrepancy import discrepancy_of
+from mjsim.inference.axis_logs.entries import AxisModel
+from mjsim.inference.axis_logs.fit import independent_count
 from mjsim.machine.model import build
 from mjsim.simulation.servo import ServoStart, block_means, follow, sampled
-from mjsim.workflow.axis_log.compare import compare_logs
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 CONTROL = Control()

@@ -377,7 +377,7 @@ def test_simulate(campaign):
 
 def test_diagnose_says_so_before_it_works(campaign, monkeypatch):
     monkeypatch.setattr(
-        import_module("mjsim.workflow.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first")
+        import_module("mjsim.commands.diagnose"), "diagnose", lambda *a, **k: pytest.fail("worked first")
     )
     refused(campaign.parent, ["diagnose", campaign, "--write", campaign / M, "--json"], M, "exists already", "--force")
     refused(

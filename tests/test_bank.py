@@ -12,11 +12,11 @@ from independent.layouts import layout
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.findings import explain
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.vibration import separate
+from mjsim.commands.diagnose import diagnose
+from mjsim.inference.findings import explain
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.vibration import separate
 from mjsim.machine.model import build
-from mjsim.workflow.diagnose import diagnose
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
 #: Campaigns with few tests each; other causes are looked for in the examples and in test_planning.
@@ -38,7 +38,7 @@ def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
     from diagnosis_score import score
 
     # the next test is planned after the cause is named, and takes longer; tests/test_planning.py looks at it
-    monkeypatch.setattr("mjsim.workflow.ball_bar.diagnose.plan_for", lambda *args, **options: None)
+    monkeypatch.setattr("mjsim.commands.ball_bar.diagnose.plan_for", lambda *args, **options: None)
     case = cases()[name]
     assert case.half == "tune"  # the published half is not looked at here
     answer = campaign.write(case, tmp_path)

@@ -29,7 +29,7 @@ from mjsim.batch.tables import check_versions
 from mjsim.batch.targets import varied_test
 from mjsim.cli.main import main
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import data_sheet
+from mjsim.inference.data_sheet import data_sheet
 from mjsim.instruments.ball_bar.iso230 import circular_figures
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples

@@ -11,15 +11,15 @@ from commands import cut
 import mjsim
 from mjsim.cli.compare import show_conformity
 from mjsim.effects.registry import kinds
-from mjsim.estimation.at_rest import RestFitter, RestProblem, split_at_rest
-from mjsim.estimation.budget import Budget, budgets, split_of_bars, split_rows
-from mjsim.estimation.conformity import beyond
-from mjsim.estimation.considered import harmonics, moves_of_models, with_instrument
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.parameters import Block, Parameters
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.whitening import Whitening, shrinkage
+from mjsim.inference.at_rest import RestFitter, RestProblem, split_at_rest
+from mjsim.inference.budget import Budget, budgets, split_of_bars, split_rows
+from mjsim.inference.conformity import beyond
+from mjsim.inference.considered import harmonics, moves_of_models, with_instrument
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fitter
+from mjsim.inference.parameters import Block, Parameters
+from mjsim.inference.problem import Problem
+from mjsim.inference.whitening import Whitening, shrinkage
 from mjsim.instruments.ball_bar.measurement import BallBarData, Trace
 from mjsim.instruments.sphere.instrument import LOBES
 from mjsim.machine.model import build

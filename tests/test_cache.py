@@ -13,9 +13,9 @@ from commands import ok
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects.registry import make
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import SignatureBank, seeds
+from mjsim.inference.fit import Fitter
+from mjsim.inference.problem import Problem
+from mjsim.inference.signatures import SignatureBank, seeds
 from mjsim.io import cache
 from mjsim.machine.model import build
 from mjsim.simulation import readings

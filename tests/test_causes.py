@@ -10,14 +10,14 @@ import pytest
 from test_report import _content, _plain
 
 from mjsim.cli.compare import calibration_sentence, share_text
+from mjsim.commands.calibrate import calibrate
 from mjsim.effects.registry import make
-from mjsim.estimation.budget import Budget
-from mjsim.estimation.calibration import calibrated_effects
-from mjsim.estimation.shares import Calibration
+from mjsim.inference.budget import Budget
+from mjsim.inference.calibration import calibrated_effects
+from mjsim.inference.shares import Calibration
 from mjsim.plots.waterfall import Fall, waterfall_figure
 from mjsim.report import causes, models, whatif
 from mjsim.report.page import render
-from mjsim.workflow.calibrate import calibrate
 
 TOLERANCE = {"backlash": {"um": 0.8, "deg": 0.0008}, "squareness": {"urad": 24.0}, "pitch_error": {"deg": 0.0014}}
 
@@ -160,7 +160,7 @@ def test_calibrating_needs_a_tolerance(m1, tmp_path):
 
 
 def test_effects_beyond_the_ladder_share_its_last_step():
-    from mjsim.workflow.diagnosis import Diagnosis
+    from mjsim.commands.diagnosis import Diagnosis
 
     def own(effects, rungs):
         bars = SimpleNamespace(effects=effects)

@@ -12,12 +12,12 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.findings import explain
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import Projector
-from mjsim.estimation.testability import not_testable
-from mjsim.estimation.vibration import separate
+from mjsim.inference.findings import explain
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.problem import Problem
+from mjsim.inference.signatures import Projector
+from mjsim.inference.testability import not_testable
+from mjsim.inference.vibration import separate
 from mjsim.instruments.ball_bar.kinds import KINDS, able_kinds
 from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
 from mjsim.io.resources import examples

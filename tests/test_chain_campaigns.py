@@ -7,9 +7,9 @@ from independent import chain_campaigns, chains
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.diagnose import diagnose
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.kinematics import Geometry, reading
-from mjsim.workflow.diagnose import diagnose
 
 
 def further(case):

@@ -254,7 +254,7 @@ def test_a_users_own_effect_from_file_to_machine_and_back(tmp_path, monkeypatch)
 
 def test_the_commands_are_functions(campaign, tmp_path):
     import mjsim
-    from mjsim.workflow.compare import compare
+    from mjsim.commands.compare import compare
 
     renamed = {"effects": "list_effects", "report": "make_report"}  # a function never bears the name of a package
     assert {renamed.get(name, name) for name in set(COMMANDS) - {"demo"}} <= set(dir(mjsim))

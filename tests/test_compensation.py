@@ -16,6 +16,7 @@ from independent import simulate as generator_simulate
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.saved import Known, SavedDiagnosis
 from mjsim.compensation.arithmetic import Arithmetic, corrected, directions, ramped, sticks
 from mjsim.compensation.compensate import compensate, write_compensation
 from mjsim.compensation.controls import CONTROLS, Settings, control
@@ -26,11 +27,10 @@ from mjsim.compensation.terms import wanted_of
 from mjsim.compensation.worth import worth_typing
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.posterior import Posterior
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.saved import Known, SavedDiagnosis
 
 RANGES = {"X": (-0.11, 0.13), "Y": (-0.12, 0.1), "Z": (0.05, 0.26), "A": (-5 * DEG, 40 * DEG), "C": (-0.2, 2.1 * np.pi)}
 

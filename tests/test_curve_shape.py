@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mjsim.estimation.curve_fit import Together
-from mjsim.estimation.curve_shape import bends, changes, free_shape, orders, simplest_shape
-from mjsim.estimation.curve_terms import CurveTerm, hats
-from mjsim.estimation.least_squares import LeastSquares
-from mjsim.estimation.parameters import Block, Parameters
-from mjsim.estimation.unexplained import shape_in_words
-from mjsim.estimation.unknown_curves import WIDTHS
+from mjsim.inference.curve_fit import Together
+from mjsim.inference.curve_shape import bends, changes, free_shape, orders, simplest_shape
+from mjsim.inference.curve_terms import CurveTerm, hats
+from mjsim.inference.least_squares import LeastSquares
+from mjsim.inference.parameters import Block, Parameters
+from mjsim.inference.unexplained import shape_in_words
+from mjsim.inference.unknown_curves import WIDTHS
 from mjsim.units import DEG
 
 K, ROWS, TURN = 48, 2400, 2.0 * np.pi

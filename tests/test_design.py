@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mjsim.estimation.design import Design
+from mjsim.inference.design import Design
 
 
 @pytest.fixture

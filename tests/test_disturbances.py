@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from noisy_traces import CIRCLE, samples
 
-from mjsim.estimation.disturbances import largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
-from mjsim.estimation.noise import estimate_noise
-from mjsim.estimation.samples import Samples, revolution_time
+from mjsim.inference.disturbances import largest_jump, leave_out_shorter_side, mark_outliers, readmit_outliers
+from mjsim.inference.noise import estimate_noise
+from mjsim.inference.samples import Samples, revolution_time
 
 
 def test_noise_is_seen_through_a_large_repeatable_signal():

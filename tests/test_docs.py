@@ -118,7 +118,7 @@ def test_the_picture_of_the_rooms_is_up_to_date():
 
 
 def test_what_the_architecture_names_exists():
-    """Modules, and what they define, as ``estimation.fit`` or ``machine.model.build``."""
+    """Modules, and what they define, as ``inference.fit`` or ``machine.model.build``."""
     rooms = {p.name for p in (ROOT / "mjsim").iterdir() if p.is_dir()}
     named = re.findall(r"`(\w+(?:\.\w+)+)`", (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8"))
     named = [n for n in named if n.split(".")[0] in rooms and not n.endswith(".toml")]

@@ -11,7 +11,7 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.new_machine import new_log_campaign
 from mjsim.errors import InputError
-from mjsim.estimation.pitch.encoders import TURNS, identify_from_encoders
+from mjsim.inference.pitch.encoders import TURNS, identify_from_encoders
 from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest, Recorder, Recording
 from mjsim.machine.chain import chain_of
 from mjsim.units import DEG

@@ -9,15 +9,15 @@ from noisy_traces import CIRCLE, coloured, samples
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
-from mjsim.estimation.bar_search import BarSearch
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.findings import explain
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.mistakes.checked_problem import trusted_problem
-from mjsim.estimation.samples import GRID, Samples
-from mjsim.estimation.signatures import Candidate, Projector, SignatureBank, feasible_share
-from mjsim.estimation.spectrum import spectral_candidates
-from mjsim.estimation.vibration import separate
+from mjsim.inference.bar_search import BarSearch
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.findings import explain
+from mjsim.inference.fit import Fitter
+from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.samples import GRID, Samples
+from mjsim.inference.signatures import Candidate, Projector, SignatureBank, feasible_share
+from mjsim.inference.spectrum import spectral_candidates
+from mjsim.inference.vibration import separate
 from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
@@ -78,7 +78,7 @@ def test_free_vector_round_trip():
 
 def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     """A trace made from the machine's own reading with known ball offsets, bar length and trigger gives them back."""
-    from mjsim.estimation.nuisance_fit import fit_nuisance
+    from mjsim.inference.nuisance_fit import fit_nuisance
     from mjsim.machine.chain import FIVE_AXIS
     from mjsim.machine.kinematics import reading
     from mjsim.simulation.axes import AxesMotion
@@ -342,10 +342,10 @@ def two_cones():
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
     from mjsim.effects.registry import load_file
-    from mjsim.estimation.curve_terms import CurveTerms
-    from mjsim.estimation.curve_waves import radial_curves
-    from mjsim.estimation.effect_file import effect_source
-    from mjsim.estimation.fit import Fitter
+    from mjsim.inference.curve_terms import CurveTerms
+    from mjsim.inference.curve_waves import radial_curves
+    from mjsim.inference.effect_file import effect_source
+    from mjsim.inference.fit import Fitter
 
     machine, problem = two_cones()
     fit = Fitter(problem, machine).fit([])
@@ -369,10 +369,10 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
 
 def test_an_oval_table_is_one_wave_along_the_radius():
     """Two waves per turn are explained best by two waves per turn, not by a curve of any shape."""
-    from mjsim.estimation.curve_terms import RADIAL, CurveTerms
-    from mjsim.estimation.curve_waves import radial_curves
-    from mjsim.estimation.fit import Fitter
-    from mjsim.estimation.unknown_curves import best_curves
+    from mjsim.inference.curve_terms import RADIAL, CurveTerms
+    from mjsim.inference.curve_waves import radial_curves
+    from mjsim.inference.fit import Fitter
+    from mjsim.inference.unknown_curves import best_curves
 
     machine, problem = two_cones()
     (term,) = radial_curves(CurveTerms(problem, Fitter(problem, machine).fit([])))
@@ -390,8 +390,8 @@ def test_an_oval_table_is_one_wave_along_the_radius():
 def test_one_machine_may_have_several_unknown_causes(tmp_path):
     """Effect files of different axes, motions and variables are effects of different kinds."""
     from mjsim.effects.registry import load_file
-    from mjsim.estimation.curve_terms import CurveTerm
-    from mjsim.estimation.effect_file import effect_source
+    from mjsim.inference.curve_terms import CurveTerm
+    from mjsim.inference.effect_file import effect_source
 
     kinds = set()
     terms = (("C", "C", "position"), ("X", "X", "position"), ("C", "Z", "position"), ("C", "C", "velocity"))
@@ -414,8 +414,8 @@ def test_one_machine_may_have_several_unknown_causes(tmp_path):
     ],
 )
 def test_a_straight_end_of_a_curve_goes_on_beyond_what_was_measured(shape, variable, slopes, beyond, tmp_path):
-    from mjsim.estimation.curve_terms import CurveTerm
-    from mjsim.estimation.effect_file import effect_source
+    from mjsim.inference.curve_terms import CurveTerm
+    from mjsim.inference.effect_file import effect_source
 
     knots, curve = np.array([-1.0, 0.0, 1.0]), np.array([-slopes[0], 0.0, slopes[1]])
     term = CurveTerm("X", "Y", variable, knots, None, [], coefficients=curve, shape=shape)
@@ -432,8 +432,8 @@ def test_a_straight_end_of_a_curve_goes_on_beyond_what_was_measured(shape, varia
 
 
 def test_a_short_bend_at_the_end_of_a_curve_does_not_go_on():
-    from mjsim.estimation.curve_terms import CurveTerm
-    from mjsim.estimation.effect_file import _continued
+    from mjsim.inference.curve_terms import CurveTerm
+    from mjsim.inference.effect_file import _continued
 
     knots, curve = np.linspace(-1.0, 1.0, 21), np.zeros(21)
     curve[-2:] = 1.0, 2.0
@@ -444,8 +444,8 @@ def test_a_short_bend_at_the_end_of_a_curve_does_not_go_on():
 
 
 def test_a_free_curve_is_bridged_where_no_test_goes():
-    from mjsim.estimation.curve_terms import CurveTerm
-    from mjsim.estimation.unexplained import bridged
+    from mjsim.inference.curve_terms import CurveTerm
+    from mjsim.inference.unexplained import bridged
 
     knots, values = np.arange(5.0), np.array([0.0, 4.0, 0.0, 8.0, 0.0])
     reached = np.array([False, True, False, True, False])
@@ -459,7 +459,7 @@ def test_a_free_curve_is_bridged_where_no_test_goes():
 
 def test_a_ball_in_another_seat_has_a_length_of_its_own():
     """A knock moves the ball along the bar as well, by an amount that the jump alone does not tell exactly."""
-    from mjsim.estimation.nuisance import AFTER_KNOCK, Nuisances
+    from mjsim.inference.nuisance import AFTER_KNOCK, Nuisances
 
     knocked = dataclasses.replace(CIRCLE, name="d", setup=f"d {AFTER_KNOCK}")
     n = Nuisances.of_tests([CIRCLE, knocked], 4.0)

@@ -12,12 +12,12 @@ from independent.layouts import layout
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.explain import show
+from mjsim.commands.explain import explain
 from mjsim.effects.registry import make
-from mjsim.estimation.problem import Problem
+from mjsim.inference.problem import Problem
 from mjsim.machine.model import build
 from mjsim.plots.signature import SignatureTrace, signature_figure
 from mjsim.units import DEG, UM
-from mjsim.workflow.explain import explain
 
 WIDTH = 0.0016
 

@@ -14,13 +14,13 @@ from mjsim.campaign.files import read_campaign
 from mjsim.cli.compare import left_out_sentence
 from mjsim.cli.main import main
 from mjsim.cli.plan import show
-from mjsim.estimation.planning.next_test import Plan
-from mjsim.estimation.planning.separation import Separation
+from mjsim.commands import edit
+from mjsim.commands.ball_bar.check import evidence_of
 from mjsim.importing.header import test_keys as keys_of_header
+from mjsim.inference.planning.next_test import Plan
+from mjsim.inference.planning.separation import Separation
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
-from mjsim.workflow import edit
-from mjsim.workflow.ball_bar.check import evidence_of
 
 NAME = "circle-xy-ccw"
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import mjsim
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects.registry import make
 from mjsim.io.resources import examples
 from mjsim.paper.figures import PaperFigures
 from mjsim.paper.numbers import Number
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 
 def test_simulation(m1, cone):

@@ -13,14 +13,14 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
 from mjsim.cli.geometry import show
 from mjsim.cli.main import main
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.nuisance import TRIGGERS
-from mjsim.estimation.nuisance_fit import fit_nuisance
-from mjsim.estimation.retiming import better_triggers, retimed
+from mjsim.commands.calibrate import fit_within_tolerance
+from mjsim.inference.fit import Fitter
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.nuisance import TRIGGERS
+from mjsim.inference.nuisance_fit import fit_nuisance
+from mjsim.inference.retiming import better_triggers, retimed
 from mjsim.machine.chain import chain_of
 from mjsim.machine.model import build
-from mjsim.workflow.calibrate import fit_within_tolerance
 
 #: Family -> numbers that turns of single axes leave open, each with what shows in its place.
 OPEN = {

@@ -15,17 +15,17 @@ from independent.campaign import Case
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
+from mjsim.commands.axis_log.judge import Judge
+from mjsim.commands.both_instruments import diagnose_jointly
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.axis_logs.shared import shared_entries
-from mjsim.estimation.competing import CompetingModel
-from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.axis_logs.shared import shared_entries
+from mjsim.inference.competing import CompetingModel
+from mjsim.inference.data_sheet import data_sheet
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.posterior import Posterior
 from mjsim.io.resources import examples
-from mjsim.workflow.axis_log.judge import Judge
-from mjsim.workflow.both_instruments import diagnose_jointly
-from mjsim.workflow.finding import DiagnosedEffect
 
 INSTRUMENTS = (
     '[instrument.bar]\nkind = "ball_bar"\n\n[instrument.control]\nkind = "axis_log"\nsample_rate_Hz = 1000.0\n'
@@ -177,7 +177,7 @@ def test_instruments_by_name(mixed, tmp_path):
 
 def test_a_delay_may_stand_before_or_behind_the_recorded_command(m2):
     """Nobody knows where a control records: with a command delay, the recording's shift has room for it."""
-    from mjsim.estimation.axis_logs.start import nuisance_entries
+    from mjsim.inference.axis_logs.start import nuisance_entries
     from mjsim.instruments.axis_log.measurement import LogTest
 
     data = [SimpleNamespace(test=LogTest("a", ("C",)), axis="C", step=1e-3, name="a", resolution=1e-6,

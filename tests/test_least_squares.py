@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from mjsim.estimation.curve_fit import Together
-from mjsim.estimation.least_squares import LeastSquares, ridge_solution
-from mjsim.estimation.parameters import Block, Parameters
+from mjsim.inference.curve_fit import Together
+from mjsim.inference.least_squares import LeastSquares, ridge_solution
+from mjsim.inference.parameters import Block, Parameters
 
 
 @pytest.fixture

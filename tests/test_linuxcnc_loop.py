@@ -11,11 +11,12 @@ from independent.kinematics import bar_reading
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.saved import Known, SavedDiagnosis
 from mjsim.compensation.arithmetic import corrected
 from mjsim.compensation.compensate import compensate, write_compensation
 from mjsim.compensation.controls import Settings
 from mjsim.effects import registry
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.posterior import Posterior
 from mjsim.instruments.ball_bar.follow import unwrapped
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import JOINT_ACCELERATION
@@ -29,7 +30,6 @@ from mjsim.nc.write import Options
 from mjsim.simulation.axes import load_of
 from mjsim.simulation.bar import reading
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.saved import Known, SavedDiagnosis
 
 SCALE = np.array([MM, MM, MM, DEG, DEG])
 PLANTED = {

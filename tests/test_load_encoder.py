@@ -7,11 +7,11 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.axis_log.diagnose import diagnose_logs
 from mjsim.machine.control import Control, Law
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.axes import motor_of
 from mjsim.simulation.servo import ServoStart, follow
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import Axis, csv, machine_toml, record_both, short_strokes, write_campaign
 from tests.independent.logs import Control as Digital
 

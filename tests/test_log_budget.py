@@ -8,9 +8,9 @@ from independent.logs import Axis, Control, csv, machine_toml, record, to_and_fr
 
 import mjsim
 from mjsim.effects.registry import make
-from mjsim.estimation.axis_logs.budget import log_budget
-from mjsim.estimation.axis_logs.entries import DRIVE, ZERO, AxisModel, Entry
-from mjsim.estimation.axis_logs.fit import AxisFit
+from mjsim.inference.axis_logs.budget import log_budget
+from mjsim.inference.axis_logs.entries import DRIVE, ZERO, AxisModel, Entry
+from mjsim.inference.axis_logs.fit import AxisFit
 
 #: Places of the readings of a line, and the noise of one.
 X, NOISE = np.linspace(1.0, 2.0, 50), 2e-7

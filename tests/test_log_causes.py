@@ -7,11 +7,11 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.gains import read_gains, speed_limit
+from mjsim.commands.axis_log.compare import checked_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.gains import read_gains, speed_limit
 from mjsim.simulation.servo import smoothed
-from mjsim.workflow.axis_log.compare import checked_logs
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import (
     Axis,
     Control,

@@ -9,10 +9,10 @@ from click.testing import CliRunner
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
-from mjsim.estimation.axis_logs.data import AxisData, LogNoise
-from mjsim.estimation.axis_logs.discrepancy import allowed_in, discrepancy_of
-from mjsim.estimation.axis_logs.entries import AxisModel, Entry
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.inference.axis_logs.data import AxisData, LogNoise
+from mjsim.inference.axis_logs.discrepancy import allowed_in, discrepancy_of
+from mjsim.inference.axis_logs.entries import AxisModel, Entry
 from tests.independent.logs import Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)

@@ -12,15 +12,15 @@ from test_joint import candidates, with_log
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
-from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.planning import LogPlanner, unmeasured
-from mjsim.estimation.axis_logs.start import start_model
-from mjsim.estimation.settings import DIAGNOSIS, PLAN
+from mjsim.commands import plan as planning
+from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.fit import LogFitter
+from mjsim.inference.axis_logs.gains import read_gains
+from mjsim.inference.axis_logs.planning import LogPlanner, unmeasured
+from mjsim.inference.axis_logs.start import start_model
+from mjsim.inference.settings import DIAGNOSIS, PLAN
 from mjsim.instruments.axis_log.motions import Circle, Motion, proposals
 from mjsim.machine.reach import usual_speed
-from mjsim.workflow import plan as planning
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 FRICTION = Axis(coulomb=0.12)

@@ -11,8 +11,8 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES, TEMPLATES
 from mjsim.campaign.new_machine import machine_text
-from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_block, sheet_of
-from mjsim.estimation.planning.whole_campaign import CampaignPlanner
+from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_block, sheet_of
+from mjsim.inference.planning.whole_campaign import CampaignPlanner
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import TOLERANCE, build
 from mjsim.simulation.stability import check_stable

@@ -15,18 +15,18 @@ from independent import campaign as generator
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.check import check
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.mistakes.mistakes import UNITS, corrected, unit_of
-from mjsim.estimation.mistakes.recognise import recognise
-from mjsim.estimation.mistakes.sense import with_other_sense
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.mistakes.mistakes import UNITS, corrected, unit_of
+from mjsim.inference.mistakes.recognise import recognise
+from mjsim.inference.mistakes.sense import with_other_sense
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.ball_bar.span import explain
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
-from mjsim.workflow.check import check
 
 #: What is wrong with the machine of each example is in its README; none of it is a mistake of the user's.
 FAULTY = ("hidden-backlash", "two-candidates", "pitch-error", "unlisted", "healthy", "kato2013")

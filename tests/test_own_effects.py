@@ -9,13 +9,13 @@ import pytest
 from commands import as_json, refused
 
 import mjsim
+from mjsim.commands.edit import resolve_effect
 from mjsim.effects import registry
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.effect import Effect, Parameter
 from mjsim.simulation import callback
 from mjsim.simulation.multibody import simulate
-from mjsim.workflow.edit import resolve_effect
 
 #: An effect file; line 13 is the first of what position_error does.
 FILE = """\
@@ -333,7 +333,7 @@ def test_a_file_may_be_named_by_a_path(campaign):
 def test_an_effect_of_one_machine_is_none_of_another(campaign, good, tmp_path):
     """Several machines in one process, as in a fleet: each has the effects of its own files."""
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.estimation.signatures import seeds
+    from mjsim.inference.signatures import seeds
 
     other = shutil.copytree(good, tmp_path / "other")
     for folder, name in ((campaign, "mine.py"), (other, "same_kind.py")):
@@ -360,7 +360,7 @@ def test_an_effect_file_that_the_machine_uses_is_not_written_over(campaign):
     from dataclasses import replace
 
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.workflow.diagnosis import unused_file
+    from mjsim.commands.diagnosis import unused_file
 
     machine = read_machine(campaign / "machine.toml")
     folder = campaign / ".mjsim"

@@ -12,7 +12,7 @@ from pydantic import Field
 
 import mjsim
 from mjsim.cli.main import main
-from mjsim.estimation.planning.candidates import first_round, neighbours
+from mjsim.inference.planning.candidates import first_round, neighbours
 from mjsim.instruments.ball_bar import files
 from mjsim.instruments.ball_bar.kinds import base
 from mjsim.instruments.ball_bar.kinds.base import DIRECTION, FROM, REVOLUTIONS, TO, Arc, Key, Kind

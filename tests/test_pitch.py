@@ -16,10 +16,10 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.errors import InputError
-from mjsim.estimation.pitch.alternating import alternate
-from mjsim.estimation.pitch.curve import Curve
-from mjsim.estimation.pitch.identify import identified_machine, identify_pitch_error, identify_pitch_errors
-from mjsim.estimation.pitch.spectrum import amplitude
+from mjsim.inference.pitch.alternating import alternate
+from mjsim.inference.pitch.curve import Curve
+from mjsim.inference.pitch.identify import identified_machine, identify_pitch_error, identify_pitch_errors
+from mjsim.inference.pitch.spectrum import amplitude
 from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, draw_curves, spectrum_figure
 
 A_CW = [[60, 0.0012, 40.0], [120, 0.0006, -70.0], [180, 0.00035, 150.0], [328, 0.0004, -120.0]]

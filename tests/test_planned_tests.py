@@ -13,18 +13,18 @@ from independent.campaign import Case
 import mjsim
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
-from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.posterior import Posterior
-from mjsim.estimation.unexplained import Unexplained
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.commands.ball_bar.compare import _both_ways
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
+from mjsim.commands.saved import read_saved
+from mjsim.inference.data_sheet import data_sheet
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.posterior import Posterior
+from mjsim.inference.unexplained import Unexplained
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.units import DEG
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.ball_bar.compare import _both_ways
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
-from mjsim.workflow.saved import read_saved
 
 BAR_TEST = """
 [[test]]
@@ -95,7 +95,7 @@ def test_a_planned_test_does_not_stop_a_diagnosis_or_a_plan(planned, monkeypatch
         assert [t.name for t in campaign.of("axis_log").measured] == ["strokes-c"]
         raise Searched
 
-    monkeypatch.setattr("mjsim.workflow.diagnose.diagnose_logs", search)
+    monkeypatch.setattr("mjsim.commands.diagnose.diagnose_logs", search)
     c = mjsim.read_campaign(planned)
     for command in (mjsim.diagnose, mjsim.plan):
         with pytest.raises(Searched):
@@ -157,7 +157,7 @@ def diagnosed(both, tmp_path_factory):
     seen = LogDiagnosis(c, "identified", found[1:], (), (), (), (), machine, *recorded, {})
     result = Diagnosis(c, "identified", 1e-7, found, rest, (), machine, *bars, (*bars,), posterior=posterior, logs=seen)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mjsim.workflow.diagnose.diagnose", lambda *_, **__: result)
+        patch.setattr("mjsim.commands.diagnose.diagnose", lambda *_, **__: result)
         text = run("diagnose", both)
         data = json.loads(run("diagnose", both, "--write", folder / "fitted.toml", "--json"))
     return result, data, folder / "fitted.toml", text

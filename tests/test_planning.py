@@ -10,12 +10,12 @@ import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.noise import usual_noise
-from mjsim.estimation.planning.candidates import first_round, neighbours, reachable
-from mjsim.estimation.planning.choose import worth
-from mjsim.estimation.planning.separation import Explanation, Separation, Separator
-from mjsim.estimation.settings import PLAN
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.noise import usual_noise
+from mjsim.inference.planning.candidates import first_round, neighbours, reachable
+from mjsim.inference.planning.choose import worth
+from mjsim.inference.planning.separation import Explanation, Separation, Separator
+from mjsim.inference.settings import PLAN
 from mjsim.instruments.ball_bar.files import test_table
 from mjsim.io.resources import examples
 
@@ -119,7 +119,7 @@ def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
     made = Separation(circle("XY", (0, 0, 155)), 10 * PLAN.decisive, 1e-6)
     monkeypatch.setattr(
-        "mjsim.estimation.planning.next_test.choose", lambda separator, tests, threads, progress, settings: [made]
+        "mjsim.inference.planning.next_test.choose", lambda separator, tests, threads, progress, settings: [made]
     )
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))
@@ -130,7 +130,7 @@ def test_the_planned_test_decides(fast_plans, tmp_path, monkeypatch):
     """C's backlash is a lag's twin where the table turns one way per test. The planned test, measured by the
     generator, names it. Slow feeds are left out of what may be planned: such tests take long to simulate.
     """
-    monkeypatch.setattr("mjsim.estimation.planning.candidates.FEEDS", (4000 / 60e3, 6000 / 60e3))
+    monkeypatch.setattr("mjsim.inference.planning.candidates.FEEDS", (4000 / 60e3, 6000 / 60e3))
     import sys
     from pathlib import Path
 

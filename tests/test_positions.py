@@ -10,15 +10,15 @@ from commands import printed as run
 from commands import read
 
 import mjsim
+from mjsim.commands.any_instrument import compare_plainly
 from mjsim.errors import InputError
-from mjsim.estimation.at_rest import RestFitter, RestProblem
-from mjsim.estimation.calibration import expected_effects
+from mjsim.inference.at_rest import RestFitter, RestProblem
+from mjsim.inference.calibration import expected_effects
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.positions.files import read_readings, trace_text
 from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
 from mjsim.report.beside import answer_of, section_of_points
 from mjsim.units import DEG, UM
-from mjsim.workflow.any_instrument import compare_plainly
 from tests.independent import positions
 
 LINE = {"name": "laser-x", "axis": "X", "ends": (0.0, 300.0), "count": 9, "runs": 2}

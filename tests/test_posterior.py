@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
-from mjsim.estimation.conformity import beyond
-from mjsim.estimation.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
-from mjsim.estimation.linear_evidence import Columns, LinearEvidence
-from mjsim.estimation.samples import revolution_time
-from mjsim.estimation.whitening import Whitening
+from mjsim.inference.conformity import beyond
+from mjsim.inference.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
+from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.samples import revolution_time
+from mjsim.inference.whitening import Whitening
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 
 NOISE, BLOCK = 0.1e-6, 0.02

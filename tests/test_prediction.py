@@ -12,11 +12,12 @@ from independent import kinematics as generator_kinematics
 from independent import transmission as generator_transmission
 
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.saved import SavedDiagnosis
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.data_sheet import data_sheet
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.posterior import Posterior
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, chain_of
@@ -26,7 +27,6 @@ from mjsim.prediction.part_run import program_of
 from mjsim.prediction.parts import PARTS, part
 from mjsim.prediction.predict import predict
 from mjsim.units import MM, UM
-from mjsim.workflow.saved import SavedDiagnosis
 
 ZERO = (0.04, 0.01, 0.12)
 

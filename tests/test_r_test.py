@@ -11,11 +11,12 @@ from commands import printed as run
 from commands import read
 
 import mjsim
+from mjsim.commands.compare import compare
 from mjsim.errors import InputError
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.mistakes.checked_problem import trusted_problem
-from mjsim.estimation.nuisance import NEST_ANGLE, NEST_GAIN, SPHERE, set_up_columns
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fitter
+from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.nuisance import NEST_ANGLE, NEST_GAIN, SPHERE, set_up_columns
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.kinematics import Geometry, rotation
@@ -27,7 +28,6 @@ from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.bar import reading_in
 from mjsim.simulation.multibody import simulate
 from mjsim.units import UM
-from mjsim.workflow.compare import compare
 from tests.independent import r_test
 
 #: Sphere in the work frame, mm.

@@ -7,15 +7,15 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.axis_logs.candidates import Catalogue
-from mjsim.estimation.axis_logs.data import axis_data, output_row
-from mjsim.estimation.axis_logs.derivatives import torque_direction
-from mjsim.estimation.axis_logs.entries import PER_TORQUE
-from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.separability import intervals
-from mjsim.estimation.axis_logs.start import start_model
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.inference.axis_logs.candidates import Catalogue
+from mjsim.inference.axis_logs.data import axis_data, output_row
+from mjsim.inference.axis_logs.derivatives import torque_direction
+from mjsim.inference.axis_logs.entries import PER_TORQUE
+from mjsim.inference.axis_logs.fit import LogFitter
+from mjsim.inference.axis_logs.gains import read_gains
+from mjsim.inference.axis_logs.separability import intervals
+from mjsim.inference.axis_logs.start import start_model
 from tests.independent.logs import Axis, Control, csv, machine_toml, record, short_strokes, write_campaign
 
 AXIS = Axis(coulomb=0.12)

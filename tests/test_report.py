@@ -12,11 +12,12 @@ import pytest
 
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
+from mjsim.commands.finding import percent
 from mjsim.digits import estimate
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
-from mjsim.estimation.budget import Budget
+from mjsim.inference.budget import Budget
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_figures
 from mjsim.io.resources import examples
 from mjsim.machine.axis import is_rotary
@@ -44,7 +45,6 @@ from mjsim.report.content import (
 from mjsim.report.page import asset, at, render, render_trend, script_json
 from mjsim.report.traces import kept, steps
 from mjsim.report.write import check_same_machine
-from mjsim.workflow.finding import percent
 
 PHI = np.linspace(0.0, 720.0, 1441)
 HOSTILE = "<script src=\"http://evil.example/x.js\">alert('1')</script>"

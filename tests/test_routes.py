@@ -13,17 +13,17 @@ from commands import read
 
 import mjsim
 from mjsim.cli.plan import show_telling
-from mjsim.estimation.at_rest import RestFitter
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.planning.at_rest import Open, RestPlanner, planned_problem
-from mjsim.estimation.posterior import Posterior
+from mjsim.commands import at_rest, plan_at_rest
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.finding import DiagnosedEffect
+from mjsim.commands.plan import plan
+from mjsim.commands.plan_positions import plan_targets
+from mjsim.inference.at_rest import RestFitter
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.planning.at_rest import Open, RestPlanner, planned_problem
+from mjsim.inference.posterior import Posterior
 from mjsim.report.write import report
 from mjsim.units import UM
-from mjsim.workflow import at_rest, plan_at_rest
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.finding import DiagnosedEffect
-from mjsim.workflow.plan import plan
-from mjsim.workflow.plan_positions import plan_targets
 from tests.independent import positions, routes, sphere
 from tests.independent.kinematics import MICRO
 
@@ -135,7 +135,7 @@ def probed(tmp_path_factory):
     few(patch, "laser", "sphere", "calibrator")
     (bar, *_) = plan_at_rest._bar_tests(machine)
     patch.setattr(plan_at_rest, "_bar_tests", lambda machine: [bar])
-    patch.setattr("mjsim.workflow.plan.diagnose", lambda *a: found.append(diagnose(*a)) or found[-1])
+    patch.setattr("mjsim.commands.plan.diagnose", lambda *a: found.append(diagnose(*a)) or found[-1])
     found: list = []
     data = plan(campaign, machine).to_json()
     patch.undo()

@@ -15,23 +15,23 @@ from mjsim.campaign.new import new_campaign
 from mjsim.campaign.tolerance import TYPICAL_TOLERANCE, VOLUMETRIC_TOLERANCE
 from mjsim.effects.friction import Friction
 from mjsim.effects.torque_ripple import TorqueRipple
-from mjsim.estimation.bar_search import BarSearch
-from mjsim.estimation.calibration import calibrated_effects, expected_effects
-from mjsim.estimation.combinations import combinations
-from mjsim.estimation.curve_terms import CurveTerms
-from mjsim.estimation.data_sheet import DATA_SHEET, calibrated, data_sheet
-from mjsim.estimation.discrepancy import Discrepancy, Sizes
-from mjsim.estimation.disturbances import without_disturbances
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.findings import _BarReader, explain
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.linearisation import Linearisation
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.search import Found, Model, with_curves
-from mjsim.estimation.signatures import SignatureBank, seeds
-from mjsim.estimation.spectrum import sides_of, spectral_candidates, wave
-from mjsim.estimation.unknown_curves import Curve, _BesideModel, priors_of
-from mjsim.estimation.vibration import Separated
+from mjsim.inference.bar_search import BarSearch
+from mjsim.inference.calibration import calibrated_effects, expected_effects
+from mjsim.inference.combinations import combinations
+from mjsim.inference.curve_terms import CurveTerms
+from mjsim.inference.data_sheet import DATA_SHEET, calibrated, data_sheet
+from mjsim.inference.discrepancy import Discrepancy, Sizes
+from mjsim.inference.disturbances import without_disturbances
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.findings import _BarReader, explain
+from mjsim.inference.fit import Fitter
+from mjsim.inference.linearisation import Linearisation
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import Found, Model, with_curves
+from mjsim.inference.signatures import SignatureBank, seeds
+from mjsim.inference.spectrum import sides_of, spectral_candidates, wave
+from mjsim.inference.unknown_curves import Curve, _BesideModel, priors_of
+from mjsim.inference.vibration import Separated
 from mjsim.machine.model import build
 from mjsim.progress import silent
 

@@ -9,10 +9,10 @@ from independent.unlisted import EccentricPlay, ToothPatch
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.estimation.disturbances import without_disturbances
-from mjsim.estimation.findings import explain
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.vibration import separate
+from mjsim.inference.disturbances import without_disturbances
+from mjsim.inference.findings import explain
+from mjsim.inference.problem import Problem
+from mjsim.inference.vibration import separate
 from mjsim.machine.model import build
 
 

@@ -11,14 +11,14 @@ from commands import printed as run
 from commands import read
 
 import mjsim
+from mjsim.commands.any_instrument import compare_plainly
 from mjsim.errors import InputError
-from mjsim.estimation.at_rest import RestProblem, RestSearch
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.at_rest import RestProblem, RestSearch
+from mjsim.inference.posterior import Posterior
 from mjsim.instruments.sphere.classical import circle_through, location_errors
 from mjsim.instruments.sphere.files import read_points, trace_text
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.units import DEG, UM
-from mjsim.workflow.any_instrument import compare_plainly
 from tests.independent import sphere
 
 SEED = 1

@@ -21,6 +21,7 @@ from mjsim.batch.dataset import check_folder, describe
 from mjsim.batch.sweep import read_sweep
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
+from mjsim.commands.history import read_history
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.b5r import read_b5r
@@ -34,7 +35,6 @@ from mjsim.instruments.ball_bar.traces import read_trace
 from mjsim.io.resources import examples
 from mjsim.nc.read import read_nc
 from mjsim.nc.write import nc_program
-from mjsim.workflow.history import read_history
 
 #: How often each file is spoiled; always in the same ways.
 TIMES = 25

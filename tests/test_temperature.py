@@ -13,12 +13,12 @@ from independent import warming
 import mjsim
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.temperature import read_temperatures, remarks_on
+from mjsim.commands.any_instrument import compare_plainly
+from mjsim.commands.diagnosis import Diagnosis
 from mjsim.errors import InputError
 from mjsim.machine.model import build
 from mjsim.machine.temperatures import Temperatures
 from mjsim.simulation.transmission import transmit
-from mjsim.workflow.any_instrument import compare_plainly
-from mjsim.workflow.diagnosis import Diagnosis
 
 PLANTED = {("X", "spindle"): 3.0, ("Z", "bed"): -8.0}
 

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
-from mjsim.workflow.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.diagnose import diagnose_logs
 from tests.independent.logs import Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)

@@ -7,12 +7,12 @@ import pytest
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.compare import compare
 from mjsim.effects.registry import make
-from mjsim.estimation.mistakes.checked_problem import trusted_problem
-from mjsim.estimation.vibration import is_news, phased, separate
+from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.vibration import is_news, phased, separate
 from mjsim.io.resources import examples
 from mjsim.machine.model import build
-from mjsim.workflow.compare import compare
 
 TESTS = ("circle-xy-ccw", "circle-xy-cw", "cone15-parallel-ccw")
 
@@ -118,7 +118,7 @@ def test_a_vibration_that_the_machine_has_gets_its_phases(healthy):
     with_phases = phased(problem, known)
     assert set(with_phases.effect("vibration.X").phases) == set(TESTS)
     with_it, without = ([r for r in problem.readings(build(m))] for m in (with_phases, machine))
-    from mjsim.estimation.nuisance_fit import fit_nuisance
+    from mjsim.inference.nuisance_fit import fit_nuisance
 
     nuisance = fit_nuisance(problem, without)
     spread = [np.sqrt(np.mean(np.concatenate(problem.residual(r, nuisance)) ** 2)) for r in (with_it, without)]

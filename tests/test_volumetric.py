@@ -10,8 +10,8 @@ from mjsim.compensation.controls import control
 from mjsim.compensation.terms import wanted_of
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
-from mjsim.estimation.effect_vector import EffectVector
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.posterior import Posterior
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.plots.volumetric import volumetric_figure
 from mjsim.prediction.volumetric import Sender, grid_of, volumetric_error

@@ -12,6 +12,8 @@ from commands import TESTS, cut
 import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.compare import compare
+from mjsim.commands.history import read_history
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.io.resources import examples
@@ -26,8 +28,6 @@ from mjsim.workbench.live import Live
 from mjsim.workbench.readings import DRIVES, MULTIBODY
 from mjsim.workbench.save import changes
 from mjsim.workbench.state import Workbench
-from mjsim.workflow.compare import compare
-from mjsim.workflow.history import read_history
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import mjsim
+from mjsim.commands.axis_log.compare import compare_logs
 from mjsim.errors import InputError
-from mjsim.workflow.axis_log.compare import compare_logs
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 CONTROL = Control()

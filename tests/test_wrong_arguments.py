@@ -10,7 +10,7 @@ from commands import run, snapshot
 from mjsim.animation import scene
 from mjsim.batch import run as batch_run
 from mjsim.cli.main import _COMMANDS, main
-from mjsim.estimation.problem import Problem
+from mjsim.inference.problem import Problem
 from mjsim.simulation import mjmodel
 
 SWEEP = """

@@ -11,10 +11,10 @@ import numpy as np
 
 from mjsim.animation.encode import ERROR
 from mjsim.animation.layout import BASE, DPI
+from mjsim.commands.ball_bar.compare import BarComparison, ComparedBarTest
 from mjsim.plots import style
 from mjsim.plots.polar import PolarTrace, division_um, draw_polar, scale_text
 from mjsim.units import DEG, UM
-from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
 
 #: Points of one residual at most, and rows of the list of models.
 POINTS, ROWS = 1500, 9

@@ -11,11 +11,11 @@ import numpy as np
 from mjsim.animation.board import Board
 from mjsim.animation.movie import Film, Format
 from mjsim.campaign.model import Campaign
+from mjsim.commands.ball_bar.compare import BarComparison, compare_bars
+from mjsim.commands.history import machine_of_step, read_history
 from mjsim.errors import InputError
 from mjsim.io import files
 from mjsim.progress import Progress, silent
-from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
-from mjsim.workflow.history import machine_of_step, read_history
 
 #: Polar plots in one picture at most, and how long a model stands and gives way to the next, s.
 MOST_TESTS, STAND, CHANGE = 9, 1.5, 1.0

@@ -9,14 +9,14 @@ import numpy as np
 
 from mjsim.animation.movie import Film, Format
 from mjsim.campaign.model import Campaign
+from mjsim.commands.axis_log.compare import ComparedAxis
+from mjsim.commands.compare import compare
+from mjsim.commands.comparison import ComparedChannel, ComparedTest
 from mjsim.io import files
 from mjsim.machine.model import Machine
 from mjsim.plots import style
 from mjsim.progress import Progress, silent
 from mjsim.units import MM
-from mjsim.workflow.axis_log.compare import ComparedAxis
-from mjsim.workflow.compare import compare
-from mjsim.workflow.comparison import ComparedChannel, ComparedTest
 
 #: Share of the travel that the magnified error fills, and pixels per inch of the picture.
 _FILLS, _DPI = 0.12, 100

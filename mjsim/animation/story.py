@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.ball_bar.compare import overlay
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.vibration import phased_at
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.vibration import phased_at
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
@@ -23,7 +24,6 @@ from mjsim.simulation.drive import STEP
 from mjsim.simulation.multibody import Simulation, simulate
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
-from mjsim.workflow.ball_bar.compare import overlay
 
 #: Largest magnified error over the bar's length, when the factor is chosen.
 FILL = 0.2
@@ -115,7 +115,7 @@ def tell(
     threads: int = 2,
     progress: Progress = silent,
 ) -> Story:
-    """Simulate a test, and compare it as :func:`mjsim.workflow.compare` does where it was measured.
+    """Simulate a test, and compare it as :func:`mjsim.commands.compare` does where it was measured.
 
     Args:
         magnify: factor of the error; chosen (1, 2, 5, 10 …) so that the largest error is a fifth of the bar, when

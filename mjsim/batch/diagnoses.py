@@ -22,6 +22,9 @@ from mjsim.batch.targets import DRIVERS
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.temperature import FILE
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.errors import InputError, SimulationError, shortened
 from mjsim.io.cache import code
 from mjsim.io.files import finite
@@ -29,9 +32,6 @@ from mjsim.machine.chain import is_rotary
 from mjsim.report.causes import CalibrationRow, calibration_rows
 from mjsim.report.content import plain
 from mjsim.units import unit_of
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 _CAMPAIGN = "campaign.toml"
 

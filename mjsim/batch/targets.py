@@ -15,7 +15,7 @@ from mjsim.campaign.machine_file import DRIVE_KEYS
 from mjsim.campaign.schema import DriveTable
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.estimation.data_sheet import sheet_of
+from mjsim.inference.data_sheet import sheet_of
 from mjsim.instruments.ball_bar.files import test_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.tables import ball_bar_table

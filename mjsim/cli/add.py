@@ -26,7 +26,7 @@ def command(campaign, effect, machine, force, threads, as_is) -> None:
     Example: mjsim add examples/hidden-backlash backlash.A
     """
     from mjsim.campaign.files import read_campaign
-    from mjsim.workflow.edit import add
+    from mjsim.commands.edit import add
 
     c = read_campaign(campaign, as_is=as_is)
     with common.progress_bar() as progress:

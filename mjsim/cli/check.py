@@ -28,7 +28,7 @@ def command(campaign, machine, fix, threads) -> None:
              mjsim check my-machine --fix my-machine-corrected
     """
     from mjsim.campaign.machine_file import read_machine
-    from mjsim.workflow.check import check, write_corrected
+    from mjsim.commands.check import check, write_corrected
 
     result = check(campaign, read_machine(machine) if machine else None, common.cores(threads))
     files = write_corrected(result, fix) if fix and result.bars is not None and result.bars.mistakes else []

@@ -278,8 +278,8 @@ def each_part(parts, data: dict):
         parts: Of a check or a comparison.
         data: Their JSON as one object.
     """
+    from mjsim.commands.comparison import apart
     from mjsim.instruments.base import INSTRUMENTS
-    from mjsim.workflow.comparison import apart
 
     for i, (part, mine) in enumerate(apart(parts, data)):
         if i:

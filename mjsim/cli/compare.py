@@ -43,11 +43,11 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
     \b
     Example: mjsim compare examples/hidden-backlash
     """
+    from mjsim.commands.calibrate import calibrate
+    from mjsim.commands.compare import compare
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.comparison import comparison_plots, plot_files
-    from mjsim.workflow.calibrate import calibrate
-    from mjsim.workflow.compare import compare
 
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     c = c.only(only)
@@ -82,9 +82,9 @@ def command(campaign, machine, out, calibrated, only, no_plots, force, threads, 
 
 def _add_calibration(data: dict, fitted) -> None:
     """What was calibrated, in the JSON of the instrument whose tests it was fitted to."""
-    from mjsim.workflow.comparison import apart, significant
-    from mjsim.workflow.diagnosis import calibration_json
-    from mjsim.workflow.finding import rounded
+    from mjsim.commands.comparison import apart, significant
+    from mjsim.commands.diagnosis import calibration_json
+    from mjsim.commands.finding import rounded
 
     for part, mine in apart(fitted.before.parts, data):
         if "rms_um" in mine:

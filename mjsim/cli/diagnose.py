@@ -57,14 +57,14 @@ def command(campaign, machine, write, max_effects, only, budget, force, threads,
     Example: mjsim diagnose examples/hidden-backlash --write fitted.toml
     """
     from mjsim.campaign.machine_file import write_machine
+    from mjsim.commands.diagnose import diagnose
+    from mjsim.commands.diagnosis import write_effect_file
+    from mjsim.commands.edit import with_effect_file
+    from mjsim.commands.saved import keep
     from mjsim.errors import InputError
     from mjsim.importing.features import circles_of, imported_features
     from mjsim.io.files import check_writable
     from mjsim.plots.output import unexplained_plot
-    from mjsim.workflow.diagnose import diagnose
-    from mjsim.workflow.diagnosis import write_effect_file
-    from mjsim.workflow.edit import with_effect_file
-    from mjsim.workflow.saved import keep
 
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     c = c.only(only)
@@ -166,12 +166,12 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
     Args:
-        data: As :meth:`mjsim.workflow.diagnosis.Diagnosis.to_json` gives it, of any instrument.
+        data: As :meth:`mjsim.commands.diagnosis.Diagnosis.to_json` gives it, of any instrument.
         campaign: Its folder, for the commands that are proposed.
         explained: Whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
     """
-    from mjsim.workflow.axis_log.diagnosis import MORE_IS_LEFT
-    from mjsim.workflow.diagnosis import VERDICTS
+    from mjsim.commands.axis_log.diagnosis import MORE_IS_LEFT
+    from mjsim.commands.diagnosis import VERDICTS
 
     calibration = data.get("calibration", ())
     left_first = data["verdict"] == "unknown" and "data_sheet" in data  # of axis logs, what is left comes first
@@ -378,7 +378,7 @@ def _size(e: dict) -> tuple[str, str]:
 
 def show_budget(rows: list[dict], campaign) -> None:
     """Where the uncertainty of every number comes from, and whether it is within its limit."""
-    from mjsim.estimation.budget import NAMES
+    from mjsim.inference.budget import NAMES
 
     click.echo()
     if not rows:

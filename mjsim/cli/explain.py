@@ -28,10 +28,10 @@ def command(campaign, effect, machine, out, no_plots, force, threads, as_is) -> 
     \b
     Example: mjsim explain examples/hidden-backlash backlash.A
     """
+    from mjsim.commands.explain import explain
     from mjsim.effects import registry
     from mjsim.io.files import check_writable
     from mjsim.plots.output import explanation_plot
-    from mjsim.workflow.explain import explain
 
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     registry.effect_class(effect, m.chain)

@@ -58,8 +58,8 @@ def command(campaign, machine, names, out, decimal_comma, volumetric, force, thr
     Example: mjsim export examples/hidden-backlash --out tables
              mjsim export my-campaign --volumetric --control csv --out map
     """
+    from mjsim.commands.export import export
     from mjsim.errors import InputError
-    from mjsim.workflow.export import export
 
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     given = [option for name, option in _OF_MAP.items() if of_map[name] not in (None, ())]

@@ -23,7 +23,7 @@ def command(campaign, machine, threads, as_is) -> None:
     \b
     Example: mjsim geometry examples/healthy
     """
-    from mjsim.workflow.geometry import geometry
+    from mjsim.commands.geometry import geometry
 
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     c = c.of("ball_bar")

@@ -19,10 +19,10 @@ def command(campaign, out, force) -> None:
     Example: mjsim history examples/hidden-backlash
     """
     from mjsim.campaign.files import read_campaign
+    from mjsim.commands.history import read_history
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable
     from mjsim.plots.output import ladder_plot
-    from mjsim.workflow.history import read_history
 
     c = read_campaign(campaign, traces=False)
     steps = read_history(c)

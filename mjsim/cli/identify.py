@@ -42,8 +42,8 @@ def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, fo
     Example: mjsim identify pitch-error examples/kato2013 --axis C
     """
     from mjsim.campaign.machine_file import write_machine
-    from mjsim.estimation.pitch.encoders import axes_with_two_encoders
-    from mjsim.estimation.pitch.identify import (
+    from mjsim.inference.pitch.encoders import axes_with_two_encoders
+    from mjsim.inference.pitch.identify import (
         identified_machine,
         identify_pitch_errors,
         tangential_tests,
@@ -91,7 +91,7 @@ def pitch_error(campaign, axis, machine, per_direction, write, out, no_plots, fo
 def _from_encoders(campaign, machine, axes, write: Path | None, force: bool) -> None:
     """Pitch errors from the two encoders of each axis: printed, and written into a machine file."""
     from mjsim.campaign.machine_file import write_machine
-    from mjsim.estimation.pitch.encoders import identify_from_encoders, machine_with_waves
+    from mjsim.inference.pitch.encoders import identify_from_encoders, machine_with_waves
     from mjsim.io.files import check_writable
 
     if write is not None:
@@ -169,9 +169,9 @@ def drive(campaign, machine, write, max_effects, only, force, threads) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of, write_machine
+    from mjsim.commands.axis_log.diagnose import diagnose_logs
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable
-    from mjsim.workflow.axis_log.diagnose import diagnose_logs
 
     c = read_campaign(campaign).only(only).of(LogTest.instrument)
     if not c.measured:

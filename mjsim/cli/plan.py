@@ -107,9 +107,9 @@ def command(
         raise click.UsageError("Missing argument 'CAMPAIGN' (or --new)")
     if any(given is not None for given in (template_name, minutes, instrument, out, position_gain)):
         raise click.UsageError("--template, --position-gain, --minutes, --instrument and --out need --new")
+    from mjsim.commands.plan import plan
+    from mjsim.commands.plan_at_rest import MostTelling
     from mjsim.instruments.axis_log.measurement import LogTest
-    from mjsim.workflow.plan import plan
-    from mjsim.workflow.plan_at_rest import MostTelling
 
     if (sphere and points is None) or (ranges and points is None and targets is None):
         raise click.UsageError("--sphere needs --points, --range needs --points or --targets")
@@ -117,15 +117,15 @@ def command(
         raise click.UsageError("--targets excludes --sphere and --between")
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     if targets is not None:
-        from mjsim.workflow.plan_positions import plan_targets
+        from mjsim.commands.plan_positions import plan_targets
 
         aim = plan_targets(c, m, targets, {a: (low, high) for a, low, high in ranges}, points)
         if not common.answered(aim.to_json()):
             show_targets(aim, str(campaign))
         return
     if points is not None:
+        from mjsim.commands.plan_positions import plan_points
         from mjsim.units import DEG, MM
-        from mjsim.workflow.plan_positions import plan_points
 
         if between is not None:
             raise click.UsageError("--points and --between exclude each other")
@@ -165,7 +165,7 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
     from mjsim.campaign.machine_templates import template_named
     from mjsim.campaign.new import check_new_folder, new_planned_campaign
     from mjsim.campaign.new_machine import check_position_gain, machine_text
-    from mjsim.estimation.planning.whole_campaign import CampaignPlanner, possible_motions
+    from mjsim.inference.planning.whole_campaign import CampaignPlanner, possible_motions
     from mjsim.instruments.r_test.measurement import SphereReading
     from mjsim.io.toml import read_text
 
@@ -212,7 +212,7 @@ def _minutes(text: str | None) -> float | None:
 
 def show_new(data: dict) -> None:
     """The tests of a new campaign, and what they tell."""
-    from mjsim.estimation.planning.whole_campaign import told_sentences
+    from mjsim.inference.planning.whole_campaign import told_sentences
 
     setups = len({t["setup"] for t in data["tests"]})
     common.paragraph(

@@ -66,12 +66,12 @@ def command(program, campaign, machine, tolerance, tool, zero, feed, out, table,
              --tolerance 20 -o cone.png
     """
     from mjsim.campaign.machine_file import read_machine
+    from mjsim.commands.diagnose import diagnose
+    from mjsim.commands.saved import keep, read_saved
     from mjsim.errors import InputError
     from mjsim.io.files import check_writable, write_whole
     from mjsim.plots.part import part_figure
     from mjsim.plots.save import encoded
-    from mjsim.workflow.diagnose import diagnose
-    from mjsim.workflow.saved import keep, read_saved
 
     if campaign is None and machine is None:
         raise InputError("no machine is given; give --campaign FOLDER or --machine FILE")

@@ -21,7 +21,7 @@ def command(campaign, effect, machine, threads) -> None:
     """
     from mjsim.campaign.files import read_campaign
     from mjsim.cli.add import change_json, show_change
-    from mjsim.workflow.edit import remove
+    from mjsim.commands.edit import remove
 
     c = read_campaign(campaign)
     with common.progress_bar() as progress:

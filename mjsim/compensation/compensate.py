@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.saved import SavedDiagnosis, keep, read_saved
 from mjsim.compensation.controls import Control, Settings, control
 from mjsim.compensation.forecast import Forecast, forecast, forecast_at_rest
 from mjsim.compensation.quadrant import tuned
@@ -25,8 +27,6 @@ from mjsim.io.files import write_all
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, counted, silent
 from mjsim.threads import one_blas_thread
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.saved import SavedDiagnosis, keep, read_saved
 
 
 @one_blas_thread

@@ -15,8 +15,8 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.tables import Corrections
-from mjsim.estimation.at_rest import taken_by
-from mjsim.estimation.nuisance import set_up_columns
+from mjsim.inference.at_rest import taken_by
+from mjsim.inference.nuisance import set_up_columns
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import INSTRUMENTS

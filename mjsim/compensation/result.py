@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.saved import SavedDiagnosis
 from mjsim.compensation.controls import Control
 from mjsim.compensation.forecast import Forecast
 from mjsim.compensation.tables import Corrections, scale
 from mjsim.compensation.worth import Worth
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.saved import SavedDiagnosis
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 A new instrument is one class, registered under a name. A campaign then reads its tests, and ``check``, ``compare``,
 ``export``, ``report`` and ``open`` work on them. The instrument gives its reading of a motion; what its set-up does to
-the reading is fitted (:mod:`mjsim.workflow.compare`).
+the reading is fitted (:mod:`mjsim.commands.compare`).
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ from functools import cached_property
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
-from mjsim.estimation.pitch.identify import identify_pitch_errors
-from mjsim.estimation.pitch.result import PitchIdentification
+from mjsim.inference.pitch.identify import identify_pitch_errors
+from mjsim.inference.pitch.result import PitchIdentification
 from mjsim.io.resources import examples
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.any_instrument import PlainTest
+from mjsim.commands.comparison import ComparedTest, Comparison
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS, Over
 from mjsim.instruments.sphere.measurement import SphereTest
@@ -18,8 +20,6 @@ from mjsim.plots.output import bar_plot_files, bar_plots
 from mjsim.plots.points import points_figure
 from mjsim.plots.save import save
 from mjsim.progress import Progress, silent
-from mjsim.workflow.any_instrument import PlainTest
-from mjsim.workflow.comparison import ComparedTest, Comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from mjsim.commands.axis_log.compare import ComparedAxis, ComparedLog
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.plots import style
 from mjsim.plots.polar import PolarTrace, polar_figure
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.axis_log.compare import ComparedAxis, ComparedLog
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mjsim.commands.ball_bar.compare import BarComparison, ComparedBarTest
+from mjsim.commands.history import Step
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.iso230 import circular_figures
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -27,15 +29,13 @@ from mjsim.plots.signature import SignatureTrace, signature_figure
 from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Simulation
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
-from mjsim.workflow.history import Step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from mjsim.estimation.pitch.result import DirectionIdentification, PitchIdentification
-    from mjsim.workflow.diagnosis import Diagnosis
-    from mjsim.workflow.explain import Explanation
+    from mjsim.commands.diagnosis import Diagnosis
+    from mjsim.commands.explain import Explanation
+    from mjsim.inference.pitch.result import DirectionIdentification, PitchIdentification
 
 
 def simulation_csv(s: Simulation) -> str:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.estimation.data_sheet import calibrated, data_sheet, sheet_of
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_of
+from mjsim.inference.posterior import Posterior
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import machine_to_work
 from mjsim.machine.model import Machine, build

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mjsim.commands.saved import SavedDiagnosis
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.machine.chain import Chain
@@ -16,7 +17,6 @@ from mjsim.prediction.parts import PARTS, part
 from mjsim.prediction.predict import predict
 from mjsim.prediction.result import Prediction
 from mjsim.units import MM
-from mjsim.workflow.saved import SavedDiagnosis
 
 
 @dataclass(frozen=True)

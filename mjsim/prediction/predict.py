@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjsim.commands.saved import SavedDiagnosis
 from mjsim.errors import InputError
-from mjsim.estimation.calibration import calibrated_effects
-from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.calibration import calibrated_effects
+from mjsim.inference.data_sheet import data_sheet
+from mjsim.inference.posterior import Posterior
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.machine.model import Machine, build
 from mjsim.prediction.causes import Parts, across
@@ -24,7 +25,6 @@ from mjsim.simulation.drive import STEP
 from mjsim.simulation.stability import check_stable
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
-from mjsim.workflow.saved import SavedDiagnosis
 
 #: Even instants that are kept, and draws of the uncertainty.
 KEPT, DRAWS = 3000, 400

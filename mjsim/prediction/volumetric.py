@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.saved import keep, read_saved
 from mjsim.compensation.arithmetic import Arithmetic, corrected
 from mjsim.compensation.compensate import compensate
 from mjsim.compensation.tables import Corrections, ranges_of
 from mjsim.errors import InputError
-from mjsim.estimation.posterior import Posterior
+from mjsim.inference.posterior import Posterior
 from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import bar_vector, machine_to_work, spindle_ball
@@ -30,8 +32,6 @@ from mjsim.progress import Progress, silent
 from mjsim.simulation.transmission import transmit
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.saved import keep, read_saved
 
 #: Distance of places where none is given, m, and most places of a grid.
 STEP = 0.025

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import decimals_of, half_of, wave_ends
 from mjsim.effects.registry import kinds
-from mjsim.estimation.unexplained import Unexplained
+from mjsim.inference.unexplained import Unexplained
 from mjsim.machine.chain import COORDINATES, is_linear, is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.report.numbers import fixed
 from mjsim.units import UM, percent, unit_of
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 #: Ends of names that have no article: one says "backlash of X", but "a command delay of X".
 _WITHOUT_ARTICLE = ("backlash", "friction", "inertia", "presliding", "wear", "wind-up under gravity")

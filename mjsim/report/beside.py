@@ -9,19 +9,19 @@ from importlib.metadata import version
 
 import numpy as np
 
+from mjsim.commands.any_instrument import PlainTest
+from mjsim.commands.axis_log.compare import ComparedAxis
+from mjsim.commands.axis_log.diagnosis import MORE_IS_LEFT, LogDiagnosis
+from mjsim.commands.comparison import ComparedChannel, ComparedPart, ComparedTest
+from mjsim.commands.diagnosis import AtRest, Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
-from mjsim.estimation.budget import Budget
+from mjsim.inference.budget import Budget
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.report.page import data_uri
 from mjsim.units import DEG, UM, percent, unit_of
-from mjsim.workflow.any_instrument import PlainTest
-from mjsim.workflow.axis_log.compare import ComparedAxis
-from mjsim.workflow.axis_log.diagnosis import MORE_IS_LEFT, LogDiagnosis
-from mjsim.workflow.comparison import ComparedChannel, ComparedPart, ComparedTest
-from mjsim.workflow.diagnosis import AtRest, Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 _SENTENCES = {
     "identified": "These effects are missing from the model, and nothing else explains the logs as well.",

@@ -10,8 +10,11 @@ from importlib.metadata import version
 from typing import Any
 
 from mjsim.campaign.machine_file import machine_document
+from mjsim.commands.ball_bar.compare import BarComparison, ComparedBarTest
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.saved import saved_of
 from mjsim.compensation.compensate import compensate
-from mjsim.estimation.problem import Problem
+from mjsim.inference.problem import Problem
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
@@ -27,9 +30,6 @@ from mjsim.report.models import Model, basis, ladder, prepared
 from mjsim.report.traces import test_traces
 from mjsim.report.whatif import what_if
 from mjsim.units import DEG, UM
-from mjsim.workflow.ball_bar.compare import BarComparison, ComparedBarTest
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.saved import saved_of
 
 
 def diagnosed(

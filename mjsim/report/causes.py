@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mjsim.estimation.calibration import Calibrated, calibrated_effects
-from mjsim.estimation.shares import Calibration
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.inference.calibration import Calibrated, calibrated_effects
+from mjsim.inference.shares import Calibration
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.units import UM, unit_of
-from mjsim.workflow.diagnosis import Diagnosis
 
 #: Half the width of an interval, over that of the prior, from which a number counts as not observable. It is the
 #: share at which the calibration itself draws that line.

@@ -18,9 +18,11 @@ from typing import Any
 
 from mjsim.campaign.machine_file import machine_document
 from mjsim.campaign.model import Campaign
+from mjsim.commands.diagnose import diagnosable, diagnose
+from mjsim.commands.diagnosis import VERDICTS, Diagnosis
 from mjsim.digits import decimals_of, estimate, expanded, fixed
 from mjsim.errors import InputError
-from mjsim.estimation.budget import NAMES, Budget
+from mjsim.inference.budget import NAMES, Budget
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import RANGE, UNDECIDED, Acceptance, Judged, Limit, Measured, judge
 from mjsim.instruments.ball_bar.kinds import kind_of
@@ -33,8 +35,6 @@ from mjsim.progress import Progress, silent
 from mjsim.report.content import plain
 from mjsim.report.write import check_same_machine
 from mjsim.units import UM, percent
-from mjsim.workflow.diagnose import diagnosable, diagnose
-from mjsim.workflow.diagnosis import VERDICTS, Diagnosis
 
 #: Most numbers of the table, and most files that are listed by name.
 _NUMBERS, _FILES = 24, 16

@@ -10,6 +10,10 @@ from pathlib import Path
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of, write_machine
+from mjsim.commands import history as ladder
+from mjsim.commands.ball_bar.compare import BarComparison, compare_bars
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.diagnosis import Diagnosis
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_whole
 from mjsim.io.resources import examples
@@ -18,10 +22,6 @@ from mjsim.progress import Progress, silent
 from mjsim.report.build import diagnosed
 from mjsim.report.page import render
 from mjsim.report.write import need_report
-from mjsim.workflow import history as ladder
-from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.diagnosis import Diagnosis
 
 EXAMPLE = "hidden-backlash"
 

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
-from mjsim.estimation.problem import Problem
+from mjsim.inference.problem import Problem
 from mjsim.machine.chain import is_rotary
 from mjsim.report.answer import short_test
 from mjsim.report.content import Finding, NotTestable, ParameterRow, Rejected
 from mjsim.units import UM, unit_of
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 #: Sensitivity (m/m, m/rad) below which the bar does not see an axis.
 _SEEN = (0.02, 1e-3)

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from mjsim.commands.ball_bar.compare import BarComparison, overlay
+from mjsim.commands.diagnosis import Diagnosis
 from mjsim.digits import estimate
-from mjsim.estimation.disturbances import readmitted, without_disturbances
-from mjsim.estimation.mistakes.checked_problem import trusted_problem
-from mjsim.estimation.nuisance_fit import fit_nuisance
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.vibration import phased, phased_at
+from mjsim.inference.disturbances import readmitted, without_disturbances
+from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.nuisance_fit import fit_nuisance
+from mjsim.inference.problem import Problem
+from mjsim.inference.vibration import phased, phased_at
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.effect import Effect
@@ -22,8 +24,6 @@ from mjsim.simulation.axes import time_grid
 from mjsim.simulation.bar import reading_in
 from mjsim.simulation.multibody import Reading, Simulation
 from mjsim.simulation.readings import readings_of
-from mjsim.workflow.ball_bar.compare import BarComparison, overlay
-from mjsim.workflow.diagnosis import Diagnosis
 
 KINEMATICS, SIMULATION = "kinematics", "full simulation"
 #: The step of a machine whose file states a tolerance.

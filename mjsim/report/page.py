@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from mjsim.digits import decimals_of
-from mjsim.estimation.budget import NAMES as BUDGET_ROWS
+from mjsim.inference.budget import NAMES as BUDGET_ROWS
 from mjsim.io.files import finite
 from mjsim.plots import curve, ladder, overview, polar, residual, trend
 from mjsim.plots.waterfall import Fall, waterfall_figure

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mjsim.commands.ball_bar.compare import ComparedBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import is_rotary
 from mjsim.plots.output import residual_trace
 from mjsim.plots.polar import centre_of
 from mjsim.plots.residual import reversal_angles
 from mjsim.units import DEG, MM, UM
-from mjsim.workflow.ball_bar.compare import ComparedBarTest
 
 #: Samples per turn that are kept, about; axis positions are given at this many instants, in between they are
 #: interpolated.

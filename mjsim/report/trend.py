@@ -10,6 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
+from mjsim.commands.ball_bar.compare import BarComparison
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import table_of
@@ -18,9 +21,6 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.report.content import plain
 from mjsim.units import UM, unit_of
-from mjsim.workflow.ball_bar.compare import BarComparison
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 #: 95 % interval of a circular error from the noise σ of one sample: it is the difference of two extremes, each with one
 #: sample's noise.

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.commands.ball_bar.compare import BarComparison
 from mjsim.errors import InputError
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.samples import GRID_STEPS
-from mjsim.estimation.vibration import phased
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID_STEPS
+from mjsim.inference.vibration import phased
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
@@ -29,7 +30,6 @@ from mjsim.report.models import SIMULATION, WITHIN, run
 from mjsim.simulation.axes import time_grid
 from mjsim.simulation.drive import STEP
 from mjsim.units import UM
-from mjsim.workflow.ball_bar.compare import BarComparison
 
 DRIVES = "drives alone"
 ALL = "all repairs together"

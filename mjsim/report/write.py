@@ -8,9 +8,13 @@ from datetime import date
 
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.temperature import in_campaign, remarks_on
+from mjsim.commands.ball_bar.compare import BarComparison, compare_bars
+from mjsim.commands.compare import compare
+from mjsim.commands.diagnose import diagnosable, diagnose
+from mjsim.commands.diagnosis import Diagnosis
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.checked_problem import checked_problem
-from mjsim.estimation.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
@@ -22,10 +26,6 @@ from mjsim.prediction.part_run import PartRun
 from mjsim.progress import Progress, silent
 from mjsim.report import build, page, trend
 from mjsim.report.beside import answer_of, compared_section, diagnosed_section, images_of, section_of_points
-from mjsim.workflow.ball_bar.compare import BarComparison, compare_bars
-from mjsim.workflow.compare import compare
-from mjsim.workflow.diagnose import diagnosable, diagnose
-from mjsim.workflow.diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)

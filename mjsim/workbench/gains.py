@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.bar_search import further_candidates
-from mjsim.estimation.data_sheet import data_sheet
-from mjsim.estimation.discrepancy import Discrepancy, Products, Sizes
-from mjsim.estimation.findings import FINDING
-from mjsim.estimation.fit import Fitter
-from mjsim.estimation.hypotheses import Hypotheses
-from mjsim.estimation.problem import Problem
-from mjsim.estimation.signatures import SignatureBank, seeds
-from mjsim.estimation.vibration import Separated, separate, without_vibrations
+from mjsim.inference.bar_search import further_candidates
+from mjsim.inference.data_sheet import data_sheet
+from mjsim.inference.discrepancy import Discrepancy, Products, Sizes
+from mjsim.inference.findings import FINDING
+from mjsim.inference.fit import Fitter
+from mjsim.inference.hypotheses import Hypotheses
+from mjsim.inference.problem import Problem
+from mjsim.inference.signatures import SignatureBank, seeds
+from mjsim.inference.vibration import Separated, separate, without_vibrations
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent

@@ -7,18 +7,21 @@ from collections.abc import Callable
 import numpy as np
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.axis_log.diagnose import diagnose_logs, merged
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.commands.axis_log.numbers import parameter_intervals
 from mjsim.errors import InputError
-from mjsim.estimation.axis_logs.as_given import fit_as_given
-from mjsim.estimation.axis_logs.candidates import Catalogue
-from mjsim.estimation.axis_logs.data import axis_data
-from mjsim.estimation.axis_logs.entries import Entry
-from mjsim.estimation.axis_logs.fit import LogFitter
-from mjsim.estimation.axis_logs.found import LogModel
-from mjsim.estimation.axis_logs.gains import read_gains
-from mjsim.estimation.axis_logs.promise import take_first_steps
-from mjsim.estimation.axis_logs.start import start_model
-from mjsim.estimation.axis_logs.waves import strongest_orders
-from mjsim.estimation.search import LEAST
+from mjsim.inference.axis_logs.as_given import fit_as_given
+from mjsim.inference.axis_logs.candidates import Catalogue
+from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.entries import Entry
+from mjsim.inference.axis_logs.fit import LogFitter
+from mjsim.inference.axis_logs.found import LogModel
+from mjsim.inference.axis_logs.gains import read_gains
+from mjsim.inference.axis_logs.promise import take_first_steps
+from mjsim.inference.axis_logs.start import start_model
+from mjsim.inference.axis_logs.waves import strongest_orders
+from mjsim.inference.search import LEAST
 from mjsim.instruments.axis_log.measurement import recorded_axes
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -29,9 +32,6 @@ from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain
 from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.recordings import RecordingsBench
-from mjsim.workflow.axis_log.diagnose import diagnose_logs, merged
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.axis_log.numbers import parameter_intervals
 
 #: Prior standard deviation of a fitted number, logarithms and typical sizes: next to none.
 _WIDE, _WIDE_LOG = 1e3, 10.0

@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.estimation.nuisance_fit import fit_nuisance
-from mjsim.estimation.samples import GRID
+from mjsim.inference.nuisance_fit import fit_nuisance
+from mjsim.inference.samples import GRID
 from mjsim.instruments.ball_bar.events import reversals
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine

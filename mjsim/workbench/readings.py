@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.estimation.samples import GRID, GRID_STEPS
-from mjsim.estimation.vibration import phased
+from mjsim.inference.samples import GRID, GRID_STEPS
+from mjsim.inference.vibration import phased
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
 from mjsim.simulation.drive import STEP

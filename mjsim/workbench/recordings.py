@@ -6,6 +6,10 @@ from collections.abc import Callable
 
 from mjsim.campaign.machine_file import machine_document
 from mjsim.campaign.model import Campaign
+from mjsim.commands import history
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.commands.compare import compare
+from mjsim.commands.comparison import Comparison
 from mjsim.errors import InputError
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.files import write_all
@@ -17,10 +21,6 @@ from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain
 from mjsim.workbench.readings import DRIVES
 from mjsim.workbench.tried import ChangedModel
-from mjsim.workflow import history
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.compare import compare
-from mjsim.workflow.comparison import Comparison
 
 
 class SharedRecordings:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from mjsim.commands.comparison import Comparison
 from mjsim.errors import InputError, SimulationError
 from mjsim.workbench.jobs import Jobs
 from mjsim.workbench.readings import DRIVES
 from mjsim.workbench.recordings import RecordingsBench
-from mjsim.workflow.comparison import Comparison
 
 
 class RecordingsLive(Jobs):

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mjsim.campaign.machine_file import machine_document
+from mjsim.commands import history
+from mjsim.commands.ball_bar.compare import BarComparison, overlay
 from mjsim.errors import InputError
-from mjsim.estimation.vibration import phased_at
+from mjsim.inference.vibration import phased_at
 from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.model import Machine
@@ -15,8 +17,6 @@ from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Reading
 from mjsim.units import UM
 from mjsim.workbench.readings import Readings
-from mjsim.workflow import history
-from mjsim.workflow.ball_bar.compare import BarComparison, overlay
 
 
 @dataclass(frozen=True)

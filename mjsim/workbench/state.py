@@ -10,9 +10,13 @@ from typing import Any
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
 from mjsim.campaign.model import Campaign
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.edit import best_effect, resolve_effect
+from mjsim.commands.saved import saved_of
 from mjsim.errors import InputError
-from mjsim.estimation.considered import with_instrument
-from mjsim.estimation.effect_vector import EffectVector
+from mjsim.inference.considered import with_instrument
+from mjsim.inference.effect_vector import EffectVector
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
@@ -29,10 +33,6 @@ from mjsim.workbench.opened import OpenCampaign
 from mjsim.workbench.picture import Picture, picture
 from mjsim.workbench.recordings import RecordingsBench, SharedRecordings
 from mjsim.workbench.tried import Shared, TriedModel
-from mjsim.workflow.diagnose import diagnose
-from mjsim.workflow.diagnosis import Diagnosis
-from mjsim.workflow.edit import best_effect, resolve_effect
-from mjsim.workflow.saved import saved_of
 
 
 class Workbench(TriedModel):

@@ -7,17 +7,17 @@ from typing import Any
 
 from nicegui import ui
 
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.commands.diagnosis import VERDICTS, Diagnosis
+from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import estimate, interval
-from mjsim.estimation.budget import Budget
+from mjsim.inference.budget import Budget
 from mjsim.machine.effect import Effect
 from mjsim.machine.sheet_names import sheet_name
 from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
 from mjsim.workbench.recordings_live import RecordingsLive
-from mjsim.workflow.axis_log.diagnosis import LogDiagnosis
-from mjsim.workflow.diagnosis import VERDICTS, Diagnosis
-from mjsim.workflow.finding import DiagnosedEffect
 
 
 class JobPanel:

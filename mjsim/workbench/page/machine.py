@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from nicegui import ui
 
-from mjsim.estimation.samples import GRID, GRID_STEPS
+from mjsim.inference.samples import GRID, GRID_STEPS
 from mjsim.machine.subjects import axis_of_subject
 from mjsim.plots import style
 from mjsim.units import DEG

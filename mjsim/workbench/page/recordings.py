@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from nicegui import ui
 
+from mjsim.commands.axis_log.compare import ComparedAxis
+from mjsim.commands.comparison import ComparedChannel, Comparison
 from mjsim.workbench.lines import COLOURS, chart, pairs, thinned
 from mjsim.workbench.recordings_live import RecordingsLive
-from mjsim.workflow.axis_log.compare import ComparedAxis
-from mjsim.workflow.comparison import ComparedChannel, Comparison
 
 #: Parts of a line, and points of a cloud.
 _PARTS, _POINTS = 900, 1500

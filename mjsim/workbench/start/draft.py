@@ -23,8 +23,8 @@ from mjsim.campaign.machine_templates import MachineTemplate, template_named
 from mjsim.campaign.model import Campaign
 from mjsim.campaign.new import check_new_folder, planned_text
 from mjsim.campaign.new_machine import axis_table, check_position_gain, log_campaign_text, machine_text
+from mjsim.commands.check import check
 from mjsim.errors import InputError
-from mjsim.estimation.mistakes.sense import with_other_sense
 from mjsim.importing.b5r import looks_like_xml
 from mjsim.importing.b5r_runs import read_recorded
 from mjsim.importing.features import import_features, read_features
@@ -36,6 +36,7 @@ from mjsim.importing.log_columns import columns_of
 from mjsim.importing.logs import ImportedLog, import_log
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
+from mjsim.inference.mistakes.sense import with_other_sense
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -46,7 +47,6 @@ from mjsim.machine.model import Machine
 from mjsim.nc.limits import model_limits
 from mjsim.nc.write import Options as NcOptions
 from mjsim.nc.write import nc_program
-from mjsim.workflow.check import check
 
 #: Instruments that a campaign is started for, and what the user calls them.
 INSTRUMENTS = {BallBarTest.instrument: "a ball bar", LogTest.instrument: "the control (axis logs)"}

@@ -17,7 +17,7 @@ from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES
 from mjsim.campaign.new import BALL_BAR
 from mjsim.campaign.new_machine import turns_of
 from mjsim.errors import InputError, SimulationError
-from mjsim.estimation.planning.whole_campaign import CampaignPlan, CampaignPlanner, told_sentences
+from mjsim.inference.planning.whole_campaign import CampaignPlan, CampaignPlanner, told_sentences
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import CIRCULAR
 from mjsim.instruments.ball_bar.measurement import BallBarTest

@@ -1,0 +1,251 @@
+"""One effect in detail: its signature test by test, what looks like it, and why it was named or not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import expit
+
+from mjsim.campaign.model import Campaign
+from mjsim.commands.diagnose import diagnose
+from mjsim.commands.diagnosis import Diagnosis
+from mjsim.commands.reasons import Case, Role, reason_of
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.inference.bar_search import BarSearch
+from mjsim.inference.calibration import expected_effects
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fitter
+from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.problem import Problem
+from mjsim.inference.signature_study import SignatureStudy, study_of_candidate, study_of_member
+from mjsim.inference.vibration import separate
+from mjsim.instruments.ball_bar.events import reversals
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.program import Program
+from mjsim.io.extras import need
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine, build
+from mjsim.progress import Progress, silent
+from mjsim.threads import one_blas_thread
+from mjsim.units import DEG, UM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Most effects that look alike in the JSON.
+_MOST_ALIKE = 12
+
+
+@dataclass(frozen=True)
+class ExplainedTest:
+    """One test.
+
+    Attributes:
+        test: As it was run.
+        phi: φ of each block of the trace, (m,) rad, signed.
+        signature: What the effect changes in the reading there once the set-up is fitted, (m,) m.
+        residual: Measured less everything else in the model, (m,) m.
+        valid: Blocks that are judged, (m,) bool.
+        reversals: Axis letter and φ of its reversals, rad.
+    """
+
+    test: BallBarTest
+    phi: np.ndarray
+    signature: np.ndarray
+    residual: np.ndarray
+    valid: np.ndarray
+    reversals: dict[str, np.ndarray]
+
+    @property
+    def signature_rms(self) -> float:
+        """RMS of the signature, m."""
+        return _rms(self.signature[self.valid])
+
+    @property
+    def rms_without(self) -> float:
+        """RMS of what everything else in the model leaves, m."""
+        return _rms(self.residual[self.valid])
+
+    @property
+    def rms_with(self) -> float:
+        """RMS of what is left once the signature is taken off as well, m."""
+        return _rms((self.residual - self.signature)[self.valid])
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One effect in detail.
+
+    Attributes:
+        campaign: What was measured.
+        effect: At the size that the signature is shown for.
+        fitted: Whether that is its fitted size; otherwise a typical one.
+        role: ``named``, ``calibrated``, ``not named`` or ``not testable``.
+        reason: Why, in short sentences.
+        ci95: 95 % intervals of its fitted size beside everything else in the model.
+        estimate: The effect at that size.
+        gain: Fall of the squared residuals, in units of the noise, if it is fitted beside everything else.
+        probability: That it is there beside everything else in the model, or larger than its tolerance.
+        absorbed: Share of its squared signature that set-up errors take up.
+        alike: Cosine of other effects' signatures with this one once the set-up is fitted, the largest first.
+        noise: RMS of one block of the traces, m.
+        tests: The effect in each test.
+    """
+
+    campaign: Campaign
+    effect: Effect
+    fitted: bool
+    role: Role
+    reason: str
+    ci95: dict
+    estimate: Effect
+    gain: float
+    probability: float
+    absorbed: float
+    alike: dict[str, float]
+    noise: float
+    tests: tuple[ExplainedTest, ...]
+
+    def to_json(self) -> dict:
+        """Plain numbers in µm and the units of the parameters' names."""
+        return {
+            "campaign": self.campaign.name,
+            "id": self.effect.id,
+            "title": self.effect.title,
+            "role": self.role,
+            "reason": self.reason,
+            "parameters": self.estimate.values,
+            "ci95": self.ci95,
+            "gain": round(self.gain, 1),
+            "probability": round(self.probability, 4),
+            "taken_up_by_setup": round(self.absorbed, 4),
+            "shown_at": self.effect.values,
+            "shown_at_fitted_size": self.fitted,
+            "noise_um": round(self.noise / UM, 4),
+            "alike": [{"id": k, "cosine": round(v, 4)} for k, v in list(self.alike.items())[:_MOST_ALIKE]],
+            "tests": [
+                {
+                    "name": t.test.name,
+                    "signature_um": round(t.signature_rms / UM, 4),
+                    "rms_without_um": round(t.rms_without / UM, 4),
+                    "rms_with_um": round(t.rms_with / UM, 4) if self.fitted else None,
+                }
+                for t in self.tests
+            ],
+        }
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row for each block of each trace: test, phi_deg, signature_um, residual_um, valid."""
+        need("to_dataframe", "dataframe", "pandas")
+        import pandas as pd
+
+        parts = [
+            pd.DataFrame(
+                {
+                    "test": t.test.name,
+                    "phi_deg": t.phi / DEG,
+                    "signature_um": t.signature / UM,
+                    "residual_um": t.residual / UM,
+                    "valid": t.valid,
+                }
+            )
+            for t in self.tests
+        ]
+        return pd.concat(parts, ignore_index=True)
+
+
+@one_blas_thread
+def explain(
+    campaign: Campaign,
+    machine: Machine,
+    effect: str,
+    threads: int = 2,
+    progress: Progress = silent,
+    result: Diagnosis | None = None,
+) -> Explanation:
+    """Show one effect in detail: its signature, what looks like it, and why it was named or not.
+
+    Args:
+        campaign: With at least one measured test.
+        machine: As given.
+        effect: Id of the catalogue, or of an effect of the machine file.
+        threads: Tests that are worked on side by side.
+        progress: Called as work gets on.
+        result: Diagnosis of the same campaign and machine, if there is one already.
+
+    Raises:
+        InputError: Unknown effect, no measured test, or a vibration, which has no signature over the path.
+    """
+    cls, subject = registry.effect_class(effect, machine.chain)
+    if cls.kind == "vibration":
+        raise InputError(
+            f"effect {effect}: a vibration has a frequency in time and no signature along the path; "
+            "`mjsim diagnose` says which vibrations there are"
+        )
+    campaign = campaign.in_motion
+    result = result or diagnose(campaign, machine, threads=threads, progress=progress)
+    progress("fitting the final model again", 0, 2)
+    separated = separate(trusted_problem(campaign, build(machine), threads), machine)
+    search = BarSearch(Fitter(separated.problem, separated.machine))
+    named = [EffectVector(e.effect, e.free) for e in result.effects if e.effect.kind != "vibration"]
+    of_class = [c.effect for c in result.calibration]
+    expected = {c.key: c for c in expected_effects(separated.machine)} if of_class else {}
+    model = search.of_effects([*of_class, *named], expected)
+    problem = model.problem
+    progress("signatures", 1, 2)
+    mine = next((f for f in model.fit.effects if f.effect.id == effect), None)
+    if mine:
+        found = study_of_member(problem, model.fit, mine)
+    else:  # beside the noise alone: what is left may be all its doing
+        found = study_of_candidate(search.plain, search.whitened_by(model, search.plain), effect)
+    probability = 0.0 if found is None else float(expit(search.log_odds(model, effect)))
+    alone = None
+    if named and found is not None and not mine:
+        alone = float(expit(search.log_odds(search.of_effects(of_class, expected), effect)))
+    role, reason = reason_of(Case(effect, result, found, problem, probability, alone))
+    if found is None:
+        nothing = cls(subject, **_typical_values(cls, subject, machine))
+        return Explanation(
+            campaign, nothing, False, role, reason, {}, nothing, 0.0, 0.0, 0.0, {}, problem.noise.block_rms, (),
+        )  # fmt: skip
+    return Explanation(
+        campaign,
+        found.effect,
+        found.fitted,
+        role,
+        reason,
+        found.ci95,
+        found.estimate,
+        found.gain,
+        probability,
+        found.absorbed,
+        found.alike,
+        problem.noise.block_rms,
+        tuple(_tests(problem, found)),
+    )
+
+
+def _tests(problem: Problem, found: SignatureStudy) -> Iterator[ExplainedTest]:
+    for k, (s, part, without) in enumerate(zip(problem.samples, found.parts, found.without, strict=True)):
+        program = Program(s.test)
+        phi = program.phi(s.centre - problem.shift(k, found.fit.nuisance))
+        yield ExplainedTest(s.test, phi, part, without, s.good, reversals(program))
+
+
+def _typical_values(cls: type[Effect], subject: str, machine: Machine) -> dict:
+    """Values of an effect that has no signature: as in the machine file, or where a search would begin."""
+    present = next((e for e in machine.effects if e.id == f"{cls.kind}.{subject}"), None)
+    if present is not None:
+        return present.values
+    parameters = cls.parameters_of(subject)
+    if any(p.kind == "components" for p in parameters):
+        return {"components": []}
+    return next(iter(cls.search.seeds_of(parameters, subject, machine.chain, machine.sensors)), {})
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(x)))) if len(x) else 0.0

@@ -1,0 +1,348 @@
+"""The search on ball-bar tests.
+
+A machine for which no tolerance is stated may be as its file says but for a few causes, or have all the small errors of
+its class. Both are searched, and the evidence says which it is.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mjsim.inference.calibration import Calibrated, calibrated_effects, expected_effects
+from mjsim.inference.discrepancy import Discrepancy, Products, Sizes
+from mjsim.inference.disturbances import readmitted, without_disturbances
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.hypotheses import WIDTHS, Hypotheses
+from mjsim.inference.linear_evidence import Chosen, without
+from mjsim.inference.nuisance import TRIGGER, TRIGGERS
+from mjsim.inference.one_direction import one_direction_candidates
+from mjsim.inference.problem import Problem
+from mjsim.inference.retiming import better_triggers, retimed
+from mjsim.inference.search import (
+    FIRST,
+    FITTED,
+    LEAST,
+    NEAR,
+    ROUGH,
+    ROUNDS,
+    STEPS,
+    DataFitter,
+    Found,
+    Model,
+    Search,
+    with_priors_of_size,
+)
+from mjsim.inference.servo_fault import with_servo_fault
+from mjsim.inference.signatures import Offer, Row, SignatureBank, seeds, seeds_of
+from mjsim.inference.spectrum import spectral_candidates
+from mjsim.inference.unknown_curves import best_curves
+from mjsim.machine.effect import Effect
+from mjsim.progress import Progress, silent
+
+#: Waves of each axis that are looked at, the best of all orders; and most that one pitch error is given.
+_LOOKED_AT, _WAVES = 6, 12
+
+
+def further_candidates(
+    plain: Problem, fit: Fit, bank: SignatureBank, only: str = ""
+) -> Callable[[list[Row]], Iterable[Offer]]:
+    """What gives the candidates that are not among the seeds: effects in one direction of motion, and waves, whose
+    orders are read off a spectrum.
+
+    Args:
+        plain: The measured tests, whitened by the campaign's noise alone.
+        fit: The model that they are beside.
+        bank: Of the seeds.
+        only: Id of the one effect that is asked about; without it the whole catalogue.
+    """
+
+    def further(ranked: list[Row]) -> Iterator[Offer]:
+        yield from one_direction_candidates(fit, bank, ranked)
+        have = {f.effect.key: f.effect for f in fit.effects}
+        for axis in fit.base.chain.letters:
+            if only.rpartition(".")[2] not in ("", axis):
+                continue
+            for c, columns in spectral_candidates(plain, fit, bank, axis, _LOOKED_AT):
+                if only not in ("", c.id):
+                    continue
+                mine = have.get(c.effect.key)
+                waves = [] if mine is None else [round(row[0]) for row in mine.values.get("components", [])]
+                if mine is None or (waves and round(c.effect.values["components"][0][0]) not in waves):
+                    yield c, columns
+
+    return further
+
+
+def _best_at_levels(hypotheses: Hypotheses, here: Chosen, least: float = 0.0) -> list[tuple[Chosen, int, float]]:
+    """The single causes of the catalogue that do best beside what is in the model, in turn at each level, that of the
+    noise alone first: a cause that explains nearly all of the data is seen best where nothing else may.
+
+    Args:
+        hypotheses: Beside the model.
+        here: What is in it.
+        least: Log odds below which none is worth a fit.
+
+    Returns:
+        The set with each of them, the level at which it promises most, and its log odds beside the noise alone.
+    """
+    judged = hypotheses.judged(here)
+    ranked = []
+    for _, odds, _ in reversed(judged):
+        order = [int(g) for g in np.argsort(-odds) if odds[g] >= least and hypotheses.is_new_and_seen(int(g))]
+        ranked.append(order[:FITTED])
+    out: dict[str, tuple[Chosen, int, float]] = {}
+    for row in itertools.zip_longest(*ranked):
+        for g in [g for g in row if g is not None]:
+            level = max(range(len(judged)), key=lambda i, g=g: judged[i].evidence + judged[i].odds[g])
+            chosen = {**here, g: float(judged[level].width[g])}
+            out.setdefault(hypotheses.all[g].name, (chosen, level, float(judged[-1].odds[g])))
+    return list(out.values())[:FITTED]
+
+
+class BarSearch(Search[Problem]):
+    """One search on ball-bar tests.
+
+    Args:
+        fitter: Of the machine, on tests whitened by the campaign's noise alone.
+        progress: Called as work gets on.
+        only: Kind and subject of the one effect that is looked for; without it the whole catalogue.
+    """
+
+    def __init__(
+        self, fitter: Fitter, progress: Progress = silent, only: tuple[type[Effect], str] | None = None
+    ) -> None:
+        self.only = f"{only[0].kind}.{only[1]}" if only else ""
+        self.seeds = seeds_of(*only, fitter.machine) if only else seeds(fitter.machine)
+        super().__init__(fitter, progress)
+
+    def _begin(self, fitter: DataFitter[Problem]) -> None:
+        self._signatures: tuple[SignatureBank, Products] | None = None
+        super()._begin(fitter)
+
+    def run(self, most: int | None = None) -> Found[Problem]:
+        """The best model.
+
+        Args:
+            most: Most causes of a machine that is otherwise as its file says.
+        """
+        if self.machine.tolerance:
+            return self._found(self._searched(self._begun(calibrated_effects(self.machine))))
+        few = self._begun(())
+        if most is not None:
+            return self._found(self._extended(few, most))
+        if few.leaves_nothing:
+            return self._found(self._searched(few))
+        usual = self._begun(expected_effects(self.machine))
+        if usual.leaves_nothing:
+            few = self._with_few(usual)
+            if few.evidence > usual.evidence:
+                return self._found(few)
+            usual = self._searched(usual)
+        else:  # a fault that is no small error: by itself, or beside them
+            few = self._extended(self._on_present_samples(few), ROUNDS, usual.evidence)
+            if few.leaves_nothing:
+                return self._found(self._searched(few))
+            usual = self._searched(self._on_present_samples(usual))
+            if few.evidence > usual.evidence:
+                usual = max(usual, self._searched(few), key=lambda m: m.evidence)
+        return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
+
+    def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
+        """The best model of a machine that is as its file says but for a few causes, found from one with everything
+        that is usual: what the data do not need of it goes. The same where that promises nothing, or it has no more
+        already.
+        """
+        if not usual.expected:
+            return usual
+        model = replace(usual, expected={})
+        hypotheses = self._hypotheses(model, curves=False)
+        none, linear, _ = hypotheses.levels[0]
+        chosen = linear.best_set(hypotheses.present)
+        if none + linear.total(chosen) < usual.evidence - NEAR:
+            return usual
+        return self._searched(self._fitted(model, (hypotheses, chosen, 0)))
+
+    def _found(self, model: Model[Problem]) -> Found[Problem]:
+        """The outcome, on tests with the samples that the model follows, and the machine as given beside it. A model
+        may show a knock that its waves have hidden; and where nothing repeats, a quick local fault looks like a knock
+        until it is known.
+        """
+        other = model if model.curves else self._on_samples(model, readmitted)
+        if model.leaves_nothing and not model.curves:
+            other = self._cleaned(other)
+        model = model if other is model else self._settled(other)
+        return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
+
+    def _discrepancy(self) -> Discrepancy:
+        return Discrepancy.of_tests(self.plain)
+
+    # -- models --------------------------------------------------------------------------------------------------------
+
+    def _first(self, effects: list[EffectVector]) -> Fit:
+        """Effects fitted from the machine as given, with an axis that lags far behind where it must."""
+        return with_servo_fault(self._anew, self._anew(effects), NEAR)
+
+    def _anew(self, effects: Sequence[EffectVector]) -> Fit:
+        """Effects fitted from the machine as given, with triggers that stand in no false minimum."""
+        fit = self.fitter.fit(list(effects), exact=False, iterations=FIRST)
+        better = retimed(self.plain, fit)
+        return fit if better is None else self.fitter.fit(fit.effects, start=better, exact=False, iterations=FIRST)
+
+    def _cleaned(self, model: Model[Problem]) -> Model[Problem]:
+        return self._on_samples(model, without_disturbances)
+
+    def _on_samples(self, model: Model[Problem], chosen_by: Callable[..., Problem]) -> Model[Problem]:
+        """The model fitted to those samples that a choice made at its fit leaves; itself where they are the same.
+
+        Args:
+            model: The model.
+            chosen_by: Gives the tests with the samples that count.
+        """
+        data = chosen_by(self.plain, model.fit.readings, model.fit.nuisance)
+        if data is self.plain:
+            return model
+        self._begin(self.fitter.with_problem(data))
+        return self._refitted(model)
+
+    def _on_present_samples(self, model: Model[Problem]) -> Model[Problem]:
+        """A model on the samples that count now; itself where it was fitted to these."""
+        is_so = model.problem.samples is self.plain.samples
+        return model if is_so else self._settled(self._refitted(model))
+
+    def _refitted(self, model: Model[Problem]) -> Model[Problem]:
+        """A model without curves, fitted to the present samples."""
+        fit = self.fitter.fit(list(model.fit.effects), exact=False, iterations=FIRST)
+        return replace(model, fit=fit, problem=self.plain)
+
+    def _retimed(self, model: Model[Problem]) -> Model[Problem]:
+        """The model at better triggers, where it fits better there."""
+        nuisance = better_triggers(model.problem, model.fit.readings, model.fit.nuisance)
+        if nuisance is None:
+            return model
+        fitter = self.fitter.with_problem(model.problem)
+        fit = fitter.fit(
+            model.fit.effects, start=replace(model.fit, nuisance=nuisance), exact=True, iterations=STEPS, fresh=False
+        )
+        return self._settled(replace(model, fit=fit), 0) if fit.objective < model.fit.objective - 1.0 else model
+
+    # -- hypotheses ----------------------------------------------------------------------------------------------------
+
+    def signatures_at(self, model: Model[Problem]) -> tuple[SignatureBank, Products]:
+        """Signatures of the catalogue near a model, with their products: again where a trigger has moved by more than a
+        block.
+        """
+        known, block = self._signatures, self.plain.samples[0].block
+        at = model.fit.nuisances[TRIGGERS]
+        if known is None or np.abs(known[0].fit.nuisance[at] - model.fit.nuisance[at]).max() * TRIGGER > block:
+            self.progress("computing signatures", 0, 1)
+            bank = SignatureBank(self.plain, model.fit)
+            bank.compute(self.seeds)
+            self._signatures = known = bank, Products(self.discrepancy, bank.matrix)
+        return known
+
+    def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
+        competing = [*model.curves]
+        if curves:
+            base = model.base
+            beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
+            found = [c for _, c in best_curves(base, beside, self.plain)]
+            competing += [c for c in found if not any(map(c.is_like, model.curves))]
+        bank, products = self.signatures_at(model)
+        further = further_candidates(self.plain, model.fit, bank, self.only)
+        design = self.discrepancy.plain(model.fit)
+        return Hypotheses(model.fit, design, bank, products, model.expected, levels, competing, further)
+
+    def whitened_by(self, model: Model[Problem], problem: Problem) -> Fit:
+        """The fit of a model with its design and residual whitened by another problem."""
+        fitter = self.fitter.with_problem(problem)
+        return fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=0, fresh=False)
+
+    def with_effect(self, fit: Fit) -> Model[Problem] | None:
+        """The one effect that is looked for beside a fit, at its best seed, and with all waves that gain evidence where
+        it is a pitch error; ``None`` where it changes no reading.
+
+        Args:
+            fit: The machine as given, with what it has a tolerance for.
+        """
+        known = {c.key: c for c in calibrated_effects(self.machine)}
+        model, found = self._settled(Model(known, fit, self.plain, self._usual)), None
+        given = self.machine.effect(self.only)
+        if given is not None and given.search.scanned and not given.is_neutral:  # its own waves before any other
+            free = EffectVector(given, given.search.free_of(given.parameters_of(given.subject)))
+            free = free.with_prior(free.vector, np.full(len(free.vector), WIDTHS[-1]))
+            fit = self.fitter.fit([*fit.effects, free], start=fit, exact=False, iterations=FIRST)
+            model = found = self._settled(Model(known, fit, self.plain, self._usual))
+        for _ in range(_WAVES):
+            hypotheses = self._hypotheses(model, curves=False)
+            rows = _best_at_levels(hypotheses, self._widths(hypotheses), -np.inf)
+            trials = [self._beside_noise(model, hypotheses, chosen) for chosen, _, _ in rows]
+            best = max(trials, key=lambda m: m.evidence, default=None)
+            if best is None or (found is not None and best.evidence <= found.evidence + LEAST):
+                break
+            model = found = best
+            if not found.fit.effects[-1].effect.search.scanned:
+                break
+        return found
+
+    def of_effects(self, effects: Sequence[EffectVector], expected: dict[str, Calibrated]) -> Model[Problem]:
+        """The model that has these effects and nothing else, beside what repeats and is in no model.
+
+        Args:
+            effects: Near where they are fitted.
+            expected: What a machine of the class has, by key.
+        """
+        model = self._settled(self._model_of(self.fitter.fit(list(effects), exact=False, iterations=FIRST), expected))
+        return replace(model, fit=self.whitened_by(model, model.problem))
+
+    def log_odds(self, model: Model[Problem], effect_id: str) -> float:
+        """Log posterior odds of an effect beside everything else in a model, at its best seed or wave; minus infinity
+        where it changes no reading.
+        """
+        hypotheses = self._hypotheses(model, curves=False)
+        here = self._widths(hypotheses)
+        mine = (g for g, h in enumerate(hypotheses.all) if h.id == effect_id)
+        return max((float(hypotheses.linear.odds(without(here, g))[0][g]) for g in mine), default=-np.inf)
+
+    def _beside_noise(self, model: Model[Problem], hypotheses: Hypotheses, chosen: Chosen) -> Model[Problem]:
+        """The model with a set of hypotheses, fitted beside the noise alone first: a discrepancy would stand for what
+        they are asked to explain.
+        """
+        effects, _ = hypotheses.model_of(chosen, hypotheses.levels[-1][1])
+        fit = self.fitter.fit(effects, start=model.fit, exact=False, iterations=FIRST)
+        fit = self.fitter.fit(with_priors_of_size(fit.effects, model.expected), start=fit, iterations=FIRST)
+        odds = sum(hypotheses.all[g].log_odds for g in chosen)
+        return self._settled(Model(model.expected, fit, self.plain, model.sizes.times(0.0), (), odds))
+
+    def _extended(self, model: Model[Problem], rounds: int, least: float = -np.inf) -> Model[Problem]:
+        """A model with causes of the catalogue added one after the other, while one of them gains evidence and less is
+        left.
+
+        Args:
+            model: To begin with.
+            rounds: Most causes.
+            least: Evidence of another model: once one cause is added, there are more while this one is ahead of it.
+        """
+        for number in range(rounds):
+            self.progress("looking for one cause more", number, rounds)
+            model = self._retimed(model)
+            hypotheses = self._hypotheses(model, curves=False)
+            best = model
+            first = None
+            for chosen, level, odds in _best_at_levels(hypotheses, self._widths(hypotheses)):
+                if best.leaves_nothing and first is not None and odds < first - max(NEAR, ROUGH * first):
+                    continue
+                first = odds if first is None else first
+                best = max(best, self._fitted(model, (hypotheses, chosen, level)), key=lambda m: m.evidence)
+            if best.evidence <= model.evidence + LEAST or best.left > model.left:
+                break
+            model = best
+            if model.evidence < least:
+                break
+            other = self._cleaned(model)  # what its waves had hidden
+            model = model if other is model else self._settled(other)
+        return model

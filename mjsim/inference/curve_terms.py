@@ -1,0 +1,268 @@
+"""Generic terms: a free curve of one variable of one axis, displacing that axis, another one, or the table.
+
+They stand for causes that nobody listed. Displacements of other axes are included because machines do that: a slide's
+acceleration yaws its neighbour, a float of the table lifts the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array, diags_array
+
+from mjsim.inference.fit import Fit
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID, GRID_STEPS
+from mjsim.machine.chain import is_rotary
+from mjsim.machine.model import build
+from mjsim.machine.motion import Motion
+from mjsim.simulation.tracker import MotionTracker
+from mjsim.units import UM
+
+#: Knots of the free curve of each variable.
+KNOTS = {
+    "position": 36,
+    "direction": 24,
+    "velocity": 12,
+    "acceleration": 12,
+    "torque": 10,
+    "time_since_reversal": 10,
+    "clock_time": 24,
+}
+_PER_TURN = 24  # of a rotary axis' position counted over all turns
+_FINE = 720  # of one turn, where single teeth are to be seen
+_IN_LEAD = 12  # of a linear axis' position within one turn of its screw
+#: A rotary axis that covers as much goes round, rad.
+ROUND = 1.9 * np.pi
+#: Periods of the clock that are tried, s.
+_CLOCK_PERIODS = np.geomspace(15.0, 900.0, 60)
+#: The variable along a motion; ``i`` is the axis' column.
+VALUE = {
+    "position": lambda m, i: m.position[:, i],
+    "direction": lambda m, i: m.position[:, i],
+    "velocity": lambda m, i: m.velocity[:, i],
+    "acceleration": lambda m, i: m.acceleration[:, i],
+    "torque": lambda m, i: m.torque[:, i],
+    "time_since_reversal": lambda m, i: np.log10(np.maximum(m.since_reversal[:, i], 0.02)),
+}
+#: Directions of the table ball in the work frame.
+TABLE = ("table x", "table y", "table z")
+#: From the table's axis to the ball.
+RADIAL = "table radial"
+#: What a coefficient of 1 is: 10 µrad or 1 µm.
+ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
+#: Variables whose curves count with the direction of motion.
+SIGNED = ("direction", "time_since_reversal")
+
+
+def unit_of(moves: str) -> float:
+    """Size of a coefficient of 1 of a curve that displaces ``moves``, m or rad."""
+    return ROTARY_UNIT if is_rotary(moves) else LINEAR_UNIT
+
+
+@dataclass
+class CurveTerm:
+    """One generic term.
+
+    Attributes:
+        axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, one of
+            :data:`TABLE`, or :data:`RADIAL`.
+        variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
+        columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
+        gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. shape: what
+            the coefficients follow, as in :mod:`mjsim.inference.curve_shape`.
+    """
+
+    axis: str
+    moves: str
+    variable: str
+    knots: np.ndarray
+    period: float | None
+    columns: HatColumns
+    gain: float = 0.0
+    coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    shape: str = "free"
+
+    @property
+    def signed(self) -> bool:
+        return self.variable in SIGNED
+
+    @property
+    def unit(self) -> float:
+        """Size of a coefficient of 1, m or rad."""
+        return unit_of(self.moves)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The axes concerned: where it comes from, and what it moves if that is another axis."""
+        own = (self.axis,) if self.axis else ()
+        return own if self.moves in (self.axis, *TABLE, RADIAL) else (*own, self.moves)
+
+
+class CurveTerms:
+    """Makes generic terms for one fitted model: the variables of every test at its blocks."""
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit, self.chain = problem, fit, problem.chain
+        self.plant = build(fit.machine)
+        self.sensitivities = problem.map(self._sensitivity)
+
+    @cached_property
+    def motions(self) -> list[Motion]:
+        """Commanded motion of every test at its blocks' centres."""
+        return self.problem.map(self._motion)
+
+    def _motion(self, k: int) -> Motion:
+        m, s = self.problem.motions[k], self.problem.samples[k]
+        tracker = MotionTracker(GRID, m.test.started, self.plant, m.test.table_ball)
+        fine = tracker.follow(m.time[::GRID_STEPS], np.ascontiguousarray(m.commands[::GRID_STEPS]))
+        at = s.centre - self.problem.shift(k, self.fit.nuisance)
+        place = np.clip(np.searchsorted(fine.time, at), 0, len(fine.time) - 1)
+        return replace(fine, **{n: x[place] for n, x in vars(fine).items() if n not in ("axes", "ball")})
+
+    def _sensitivity(self, k: int) -> dict[str, np.ndarray]:
+        s, shift = self.problem.samples[k], self.problem.shift(k, self.fit.nuisance)
+        sens = self.problem.sensitivity[k]
+        rows = np.column_stack([sens.axes, sens.table])
+        return {name: s.sample(rows[:, i], shift) for i, name in enumerate((*self.chain.letters, *TABLE))}
+
+    def moving(self) -> list[str]:
+        """Axes that move in some test."""
+        return [
+            a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)
+        ]
+
+    def own(self) -> Iterator[CurveTerm]:
+        """Terms of an axis in its own direction."""
+        for axis in self.moving():
+            yield from self.of(axis, axis)
+
+    def across(self) -> Iterator[CurveTerm]:
+        """Terms that displace something else: linear axes, and for the turning table the work on it."""
+        for axis in self.moving():
+            for other in self.chain.linear:
+                if other != axis:
+                    yield from self.of(axis, other)
+            if is_rotary(axis):
+                for direction in TABLE:
+                    yield from self.of(axis, direction)
+
+    def clock(self, waves: bool) -> Iterator[CurveTerm]:
+        """Terms of the campaign clock: a free curve, and with ``waves`` those of one period, per linear axis."""
+        times = [m.clock for m in self.motions]
+        lo, hi = min(t.min() for t in times), max(t.max() for t in times)
+        for moves in self.chain.linear:
+            yield from self._term("", moves, "clock_time", np.linspace(lo, hi, KNOTS["clock_time"]), None, times)
+            for period in _CLOCK_PERIODS if waves else ():
+                yield from self._term("", moves, "clock_time", np.arange(4) * (period / 4), float(period), times)
+
+    def of(self, axis: str, moves: str) -> Iterator[CurveTerm]:
+        """All terms of one axis' motion that displace ``moves``."""
+        i = self.chain.index(axis)
+        for variable in VALUE:
+            x = [VALUE[variable](m, i) for m in self.motions]
+            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+            if hi - lo < 1e-9:
+                continue
+            count = KNOTS[variable] if moves == axis else min(KNOTS[variable], 18)
+            in_turns = variable in ("position", "direction")
+            if in_turns and is_rotary(axis) and hi - lo > ROUND:
+                yield from self._term(axis, moves, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, x)
+                turns = (hi - lo) / (2 * np.pi)
+                if (
+                    variable == "position" and moves == axis and turns > 1.1
+                ):  # a count that is not taken modulo one turn
+                    yield from self._term(axis, moves, variable, np.linspace(lo, hi, int(_PER_TURN * turns)), None, x)
+            else:
+                yield from self._term(axis, moves, variable, np.linspace(lo, hi, count), None, x)
+            if variable == "position" and axis in self.chain.linear:
+                lead = 2 * np.pi / self.fit.base.drives[axis].gear
+                if hi - lo > 1.5 * lead:
+                    yield from self._term(axis, moves, variable, np.arange(_IN_LEAD) * (lead / _IN_LEAD), lead, x)
+
+    def fine(self, axis: str) -> Iterator[CurveTerm]:
+        """The position of a rotary axis in steps of half a degree: waves of single teeth, on a part of the wheel if
+        need be. At such a wave the axis lags behind its command by much of a period.
+        """
+        x = self.loads(axis)
+        if max(np.ptp(v) for v in x) > ROUND:
+            yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
+        else:
+            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+            yield from self._term(
+                axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x
+            )
+
+    def loads(self, axis: str) -> list[np.ndarray]:
+        """Where the load side of an axis is, block means (m,) per test."""
+        i = self.chain.index(axis)
+
+        def load(k: int) -> np.ndarray:
+            q = self.problem.motions[k].load(self.plant, GRID_STEPS)[:, i]
+            return self.problem.samples[k].sample(q, self.problem.shift(k, self.fit.nuisance))
+
+        return self.problem.map(load)
+
+    def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
+        """The same term with ``factor`` times as many knots."""
+        if term.moves == RADIAL or (term.period and not term.axis):
+            return
+        n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
+        knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
+        i = self.chain.index(term.axis) if term.axis else 0
+        values = [VALUE[term.variable](m, i) if term.axis else m.clock for m in self.motions]
+        yield from self._term(term.axis, term.moves, term.variable, knots, term.period, values)
+
+    def _term(
+        self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]
+    ) -> Iterator[CurveTerm]:
+        if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
+            return
+        weights = [s[moves] * unit_of(moves) for s in self.sensitivities]
+        if variable in SIGNED:
+            i = self.chain.index(axis)
+            weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.motions, strict=True)]
+        yield CurveTerm(axis, moves, variable, knots, period, HatColumns(values, weights, knots, period))
+
+
+@dataclass(frozen=True)
+class HatColumns(Sequence[np.ndarray]):
+    """Columns of a free curve, each test's made when it is asked for: all of a fine curve would fill hundreds of MB.
+
+    Attributes:
+        values: of the variable, (m,) per test.
+        weights: change of the reading by a coefficient of 1, (m,) per test, m.
+        knots, period: as of the term.
+    """
+
+    values: Sequence[np.ndarray]
+    weights: Sequence[np.ndarray]
+    knots: np.ndarray
+    period: float | None
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
+        return self.sparse(k).toarray()
+
+    def sparse(self, k: int) -> csr_array:
+        """The columns of test ``k``: a block lies between two knots."""
+        return csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
+
+
+def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> csr_array:
+    """Piecewise-linear basis (n, len(knots)) on equally spaced ``knots``; wrapped when there is a period."""
+    step = knots[1] - knots[0]
+    u = (x - knots[0]) / step
+    n = len(knots)
+    u = np.mod(u, n) if period else np.clip(u, 0, n - 1)
+    i = np.floor(u).astype(int)
+    f = u - i
+    after = (i + 1) % n if period else np.minimum(i + 1, n - 1)
+    places = np.column_stack([i % n, after]).ravel()
+    return csr_array((np.column_stack([1 - f, f]).ravel(), places, np.arange(0, 2 * len(x) + 1, 2)), (len(x), n))

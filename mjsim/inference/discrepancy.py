@@ -1,0 +1,329 @@
+"""What repeats in every revolution and is in no model: a Gaussian process of the path angle in every test.
+
+No model of a machine is complete. Its slides tilt, its modes ring, single teeth stand out. What such things leave in a
+test repeats with the path and looks like no noise. A fit that takes it for noise believes its numbers far too much, and
+a search explains it by causes that are not there. So every test has a discrepancy ``d``, a sum of harmonics of the path
+angle φ with normal amplitudes, and a slow drift over the share ``u`` of the test:
+
+    d(φ) = a₀ + Σ (aₙ cos nφ + bₙ sin nφ) + drift(u, u cos φ, u sin φ, u²),   n = 1 … 48
+    Var aₙ = σ_s² S(n; 3, 2) + σ_r² S(n; 20, 1.5),   S(n; n₀, p) ∝ (1 + (n/n₀)²)^−p
+
+σ_s is the size of what changes slowly along the path, σ_r of what changes fast; both are common to all tests, and zero
+where a model explains everything. The noise of each test is the campaign's times a factor near one. Both are found by
+maximising the evidence with all parameters of the model marginalised (Kennedy and O'Hagan, "Bayesian calibration of
+computer models", J. R. Statist. Soc. B 63 (2001) 425-464, have the idea of such a term).
+
+The rest of the package sees all this as whitening (:mod:`mjsim.inference.whitening`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import minimize
+
+from mjsim.inference.fit import Fit
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import revolution_time
+from mjsim.inference.whitening import Whitening, shrinkage
+
+#: Harmonics of the path angle.
+HARMONICS = 48
+#: Corner harmonic and exponent of the two spectra: of what changes slowly, and fast, along the path (assumed).
+_SLOW, _FAST = (3.0, 2.0), (20.0, 1.5)
+#: Shares of the slow part's variance: drift over the test, growth of the eccentricity (two), bow (assumed).
+_DRIFT = np.array([0.15, 0.03, 0.03, 0.05])
+#: Half-width of the half-Cauchy prior of both sizes, m: what an ordinary machine leaves (assumed).
+USUAL = 0.3e-6
+#: Degrees of freedom of the prior of a test's noise factor: it is known as well as 30 values would tell (assumed).
+_KNOWN_NOISE = 30
+#: Largest and smallest size that is tried, m. Below the smallest nothing is seen of it.
+_LARGEST, _SMALLEST = 1e-3, 3e-9
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of the discrepancy and of the noise.
+
+    Attributes:
+        slow: σ_s, m.
+        fast: σ_r, m.
+        factor: Noise of each test over the campaign's, (tests,).
+    """
+
+    slow: float
+    fast: float
+    factor: np.ndarray
+
+    @property
+    def rms(self) -> float:
+        """RMS of the discrepancy in a test, m."""
+        return math.hypot(self.slow, self.fast)
+
+    @property
+    def log_prior(self) -> float:
+        """Logarithm of the prior density of the two sizes: half-Cauchy, but for a constant."""
+        return -math.log1p((self.slow / USUAL) ** 2) - math.log1p((self.fast / USUAL) ** 2)
+
+    def times(self, share: float) -> Sizes:
+        """Sizes where ``share`` is left of the discrepancy, and of what makes tests louder than the campaign."""
+        louder = np.maximum(self.factor**2 - 1.0, 0.0)
+        factor = np.sqrt(self.factor**2 - louder + share**2 * louder)
+        return Sizes(share * self.slow, share * self.fast, factor)
+
+    def left(self, noise: float) -> float:
+        """RMS of what a model leaves besides the noise, m.
+
+        Args:
+            noise: RMS of the campaign's noise, m.
+        """
+        louder = max(float(np.mean(self.factor**2)) - 1.0, 0.0)
+        return math.hypot(self.rms, noise * math.sqrt(louder))
+
+
+class Discrepancy:
+    """The discrepancy of every test.
+
+    Args:
+        basis: Per test an orthonormal basis (n, m) of what it may look like in rows that are whitened by the campaign's
+            noise alone.
+        slow: Per test the covariance along that basis of what changes slowly, over the square of its size, (m, m).
+        fast: The same of what changes fast.
+    """
+
+    def __init__(self, basis: Sequence[np.ndarray], slow: Sequence[np.ndarray], fast: Sequence[np.ndarray]) -> None:
+        self.basis, self._slow, self._fast = tuple(basis), tuple(slow), tuple(fast)
+        self.rows = [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, self.basis)]).tolist())]
+
+    @classmethod
+    def of_tests(cls, problem: Problem) -> Discrepancy:
+        """That of ball-bar tests: harmonics of the path angle.
+
+        Args:
+            problem: The measured tests, whitened by the campaign's noise alone.
+        """
+        bases, slow, fast = [], [], []
+        for k, s in enumerate(problem.samples):
+            basis, triangle = np.linalg.qr(problem.whiten_test(k, _harmonics(s.centre, revolution_time(s.test))))
+            bases.append(basis)
+            slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
+            fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
+        return cls(bases, slow, fast)
+
+    @property
+    def tests(self) -> Iterator[tuple[np.ndarray, slice]]:
+        """Basis and rows of every test."""
+        return zip(self.basis, self.rows, strict=True)
+
+    def covariance(self, k: int, slow: float, fast: float, factor: float) -> np.ndarray:
+        """Covariance of the discrepancy along the basis of test ``k`` over that of its noise, (m, m)."""
+        return (slow / factor) ** 2 * self._slow[k] + (fast / factor) ** 2 * self._fast[k]
+
+    def whitening(self, sizes: Sizes) -> Whitening:
+        """The whitening with a discrepancy of these sizes."""
+        counts = np.array([len(b) for b in self.basis])
+        log_det = float(2.0 * (counts * np.log(sizes.factor)).sum())
+        if sizes.rms == 0.0:
+            return Whitening(sizes.factor, (), (), log_det)
+        parts = []
+        for k, basis in enumerate(self.basis):
+            shrink, vectors, more = shrinkage(self.covariance(k, sizes.slow, sizes.fast, sizes.factor[k]))
+            parts.append((basis @ vectors, shrink))
+            log_det += more
+        return Whitening(sizes.factor, tuple(parts), (), log_det)
+
+    def plain(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+        """Design and residual of a fit as rows that are whitened by the campaign's noise alone.
+
+        Returns:
+            Columns of all parameters (count, p), and the residual (count,).
+        """
+        design, whitening = fit.design, fit.whitening
+        out = np.zeros((len(fit.residual), design.shape[1] + 1))
+        out[:, design.nuisances : -1] = design.rest
+        for rows, (places, own) in zip(self.rows, design.blocks, strict=True):
+            out[rows, places] += own
+        out[:, -1] = fit.residual
+        if whitening is not None:
+            out = whitening.all_undone(out)
+            for k, rows in enumerate(self.rows):
+                out[rows] = whitening.undone(k, out[rows])
+        return out[:, :-1], out[:, -1]
+
+
+class Products:
+    """Products of columns with each other, test by test, and along the basis of the discrepancy: all that a linear
+    model needs of them for any sizes.
+
+    Args:
+        discrepancy: Of the tests.
+        columns: Whitened by the campaign's noise alone, (count, p).
+    """
+
+    def __init__(self, discrepancy: Discrepancy, columns: np.ndarray) -> None:
+        self.discrepancy, self.blocks = discrepancy, [columns]
+        self.gram = [columns[at].T @ columns[at] for at in discrepancy.rows]
+        self.along = [basis.T @ columns[at] for basis, at in discrepancy.tests]
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return sum(b.shape[1] for b in self.blocks)
+
+    def extended(self, columns: np.ndarray) -> Products:
+        """The same with further columns (count, k) behind."""
+        out = copy(self)
+        out.blocks, out.gram, out.along = [*self.blocks, columns], [], []
+        for k, (basis, at) in enumerate(self.discrepancy.tests):
+            own = columns[at]
+            cross = np.vstack([b[at].T @ own for b in self.blocks])
+            out.gram.append(np.block([[self.gram[k], cross], [cross.T, own.T @ own]]))
+            out.along.append(np.hstack([self.along[k], basis.T @ own]))
+        return out
+
+
+class LinearModel:
+    """A linear model, from which its evidence follows for any sizes of the discrepancy.
+
+    Args:
+        products: Of the columns of its parameters, p in all.
+        residual: Whitened by the campaign's noise alone, (count,).
+        precision: Prior precisions of the parameters, (p,).
+        departure: How far they are from their prior means, (p,).
+    """
+
+    def __init__(self, products: Products, residual: np.ndarray, precision: np.ndarray, departure: np.ndarray) -> None:
+        self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
+        self.precision, self.departure = precision, departure
+        tests = list(self.discrepancy.tests)
+        score = [np.concatenate([b[at].T @ residual[at] for b in products.blocks]) for _, at in tests]
+        # set-up and trigger of one test are in no other: only the columns that reach a test are worked with there
+        self._live = [np.flatnonzero(np.diag(gram)) for gram in products.gram]
+        self._gram = [gram[np.ix_(live, live)] for gram, live in zip(products.gram, self._live, strict=True)]
+        self._score = [row[live] for row, live in zip(score, self._live, strict=True)]
+        self._along = [
+            np.column_stack([along[:, live], basis.T @ residual[at]])
+            for along, live, (basis, at) in zip(products.along, self._live, tests, strict=True)
+        ]
+        self._lost = [along.T @ along for along in self._along]
+        self._square = [float(residual[at] @ residual[at]) for _, at in tests]
+
+    def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Products with the inverse covariance between the rows.
+
+        Returns:
+            Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
+            logarithm of the covariance's determinant over that of the campaign's noise.
+        """
+        width = self.products.width
+        gram, score, square, log_det = np.zeros((width, width)), np.zeros(width), 0.0, 0.0
+        for k, factor in enumerate(sizes.factor):
+            own, pull, left = self._gram[k], self._score[k], self._square[k]
+            log_det += 2.0 * len(self.discrepancy.basis[k]) * math.log(factor)
+            if sizes.rms > 0.0:
+                covariance = self.discrepancy.covariance(k, sizes.slow, sizes.fast, factor)
+                lower = np.linalg.cholesky(covariance + np.eye(len(covariance)))
+                log_det += 2.0 * float(np.log(np.diag(lower)).sum())
+                # of what lies along the basis, (I + C)^-1 is left
+                seen = solve_triangular(lower, self._along[k], lower=True, check_finite=False)
+                lost = self._lost[k] - seen.T @ seen
+                own, pull, left = own - lost[:-1, :-1], pull - lost[:-1, -1], left - lost[-1, -1]
+            gram[np.ix_(self._live[k], self._live[k])] += own / factor**2
+            score[self._live[k]] += pull / factor**2
+            square += left / factor**2
+        return gram, score, float(square), log_det
+
+    def _solved(self, sizes: Sizes) -> tuple[float, np.ndarray]:
+        """Log evidence without the prior of the sizes, and the step of the parameters, (p,)."""
+        return marginalised(*self.normal(sizes), self.precision, self.departure)
+
+    def log_evidence(self, sizes: Sizes) -> float:
+        """Log evidence of the data with the prior of the sizes."""
+        return self._solved(sizes)[0] + sizes.log_prior
+
+    def tuned(self, start: Sizes) -> tuple[Sizes, float]:
+        """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
+        sizes = start
+        for _ in range(3):
+            sizes = self._best_sizes(sizes)
+            factor = self._noise_factors(sizes)
+            settled = np.abs(np.log(factor / sizes.factor)).max() < 0.02
+            sizes = replace(sizes, factor=factor)
+            if settled:
+                break
+        return sizes, self.log_evidence(sizes)
+
+    def _best_sizes(self, start: Sizes) -> Sizes:
+        """The sizes of the discrepancy of largest evidence at the noise factors of ``start``."""
+
+        def at(x: np.ndarray) -> Sizes:
+            slow, fast = np.clip(np.exp(x), _SMALLEST, _LARGEST)
+            return replace(start, slow=float(slow), fast=float(fast))
+
+        begin = np.log(np.maximum([start.slow, start.fast], 0.03e-6))
+        simplex = begin + np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.7]])
+        options = {"xatol": 0.05, "fatol": 0.2, "maxfev": 60, "initial_simplex": simplex}
+        best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
+        choices = [best, replace(best, slow=0.0), replace(best, fast=0.0), replace(best, slow=0.0, fast=0.0)]
+        return max(choices, key=self.log_evidence)
+
+    def _noise_factors(self, sizes: Sizes) -> np.ndarray:
+        """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""
+        _, step = self._solved(sizes)
+        rest, first = self.residual.copy(), 0
+        for block in self.products.blocks:
+            rest -= block @ step[first : first + block.shape[1]]
+            first += block.shape[1]
+        out = np.ones(len(self._score))
+        for k, (basis, at) in enumerate(self.discrepancy.tests):
+            across = rest[at] @ rest[at] - np.square(basis.T @ rest[at]).sum()
+            out[k] = math.sqrt((_KNOWN_NOISE + across) / (_KNOWN_NOISE + len(rest[at]) - basis.shape[1]))
+        return out
+
+
+def marginalised(
+    gram: np.ndarray,
+    score: np.ndarray,
+    square: float,
+    log_det: float,
+    precision: np.ndarray,
+    departure: np.ndarray,
+) -> tuple[float, np.ndarray]:
+    """Log evidence of a linear model with its parameters marginalised, and their step, (p,).
+
+    Args:
+        gram: Products of the columns with the inverse covariance between them, (p, p).
+        score: Those of the columns with the residual, (p,).
+        square: That of the residual with itself.
+        log_det: Logarithm of the covariance's determinant.
+        precision: Prior precisions of the parameters, (p,).
+        departure: How far they are from their prior means, (p,).
+    """
+    factor = cho_factor(gram + np.diag(precision), lower=True)
+    pull = score - precision * departure
+    step = cho_solve(factor, pull)
+    square = square + precision @ departure**2 - pull @ step
+    flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
+    return -0.5 * float(square + log_det + flexibility), step
+
+
+def _spectrum(corner: float, exponent: float) -> np.ndarray:
+    """Variances of level, cosines and sines, in the order of :func:`_harmonics`, whose sum is 1."""
+    n = np.concatenate([[0.0], np.arange(1, HARMONICS + 1), np.arange(1, HARMONICS + 1)])
+    shape = (1.0 + (n / corner) ** 2) ** -exponent
+    return shape / shape.sum()
+
+
+def _harmonics(time: np.ndarray, revolution: float) -> np.ndarray:
+    """Level, cosines, sines and drift at times (n,) s, (n, 2 HARMONICS + 5)."""
+    phi = 2.0 * np.pi * time / revolution
+    angles = phi[:, None] * np.arange(1, HARMONICS + 1)
+    u = (phi - phi.mean()) / max(float(np.ptp(phi)), 1e-9)
+    drift = np.column_stack([u, u * np.cos(phi), u * np.sin(phi), u * u - 1.0 / 12.0])
+    return np.hstack([np.ones((len(phi), 1)), np.cos(angles), np.sin(angles), drift])

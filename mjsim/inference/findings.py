@@ -1,0 +1,433 @@
+"""What a search has found, in sentences that an engineer acts on: probabilities that something is larger than a machine
+of its class may have.
+
+Evidence says whether something is there. On a real machine a dozen small things are there, and nobody cares for them.
+So each effect has a class size: the limit of its tolerance; for a kind without one, one typical size; nothing on a
+machine that is otherwise as its file says. An effect is a finding where its size is beyond that for sure, by the rule
+of ISO 14253-1: with a probability of 95 %.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Generic
+
+import numpy as np
+from scipy.special import erfc
+
+from mjsim.inference.bar_search import BarSearch
+from mjsim.inference.budget import Budget, budgets, split_of_bars
+from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated
+from mjsim.inference.combinations import Combination, combinations
+from mjsim.inference.conformity import beyond
+from mjsim.inference.considered import with_choice, with_instrument
+from mjsim.inference.curve_fit import Together, fit_beside_simple
+from mjsim.inference.curve_shape import simplest_shape
+from mjsim.inference.curve_terms import CurveTerm, CurveTerms
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.hypotheses import entries_of, log_odds_of, name_of
+from mjsim.inference.outcome import Found as FoundEffect
+from mjsim.inference.outcome import Selection, verdict_of
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import TOLD, D, Found, Model, Search, names_to_tell, with_curves
+from mjsim.inference.shares import Calibration, calibrations, parts_of
+from mjsim.inference.unexplained import Unexplained, describe
+from mjsim.inference.unknown_curves import FINER, LONGEST, Curve, best_curves
+from mjsim.inference.vibration import Separated
+from mjsim.machine.chain import is_rotary
+from mjsim.progress import Progress, silent
+from mjsim.units import DEG, UM
+
+#: Probability from which something is a finding: the same as that of the names that are told for it.
+FINDING = TOLD
+#: Curves that are fitted in the place of the one of an unknown cause, those of largest evidence.
+_OTHERS = 3
+#: How often something else may take a finding's place.
+_SWAPS = 3
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """Probabilities of what a diagnosis can say; they sum to 1.
+
+    Attributes:
+        nothing_found: No effect and no unknown cause is larger than a machine of its class may have.
+        identified: Some effect is, and it is known which.
+        ambiguous: Some effect is, and more than one name for it is left.
+        unknown: The cause is in no catalogue.
+    """
+
+    nothing_found: float
+    identified: float
+    ambiguous: float
+    unknown: float
+
+    def to_json(self) -> dict[str, float]:
+        """As in the JSON of ``mjsim diagnose``."""
+        return {name: round(float(p), 4) for name, p in vars(self).items()}
+
+
+@dataclass(frozen=True)
+class Explained(Generic[D]):
+    """What the data say.
+
+    Attributes:
+        data: What the search ended on.
+        selection: The model, and its findings in the order of their contribution.
+        unexplained: A cause that is in no catalogue.
+        calibration: Effects of a machine of its class that are no findings.
+        shares: Share of each cause in the explained squared error.
+        combinations: Sums of numbers that the tests determine.
+        verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
+        verdicts: Probabilities of all.
+        discrepancy: RMS of what repeats and is in no model, m.
+        budget: Where the uncertainty of every number comes from.
+    """
+
+    data: D
+    selection: Selection
+    unexplained: Unexplained | None
+    calibration: tuple[Calibration, ...]
+    shares: dict[str, float]
+    combinations: tuple[Combination, ...]
+    verdict: str
+    verdicts: Verdicts
+    discrepancy: float
+    budget: tuple[Budget, ...]
+
+
+def explain(separated: Separated, progress: Progress = silent, most: int | None = None) -> Explained[Problem]:
+    """What is missing from the model of a machine.
+
+    Args:
+        separated: The measured tests without vibrations.
+        progress: Called as work gets on.
+        most: Most findings that are named; without it all.
+    """
+    search = BarSearch(Fitter(separated.problem, separated.machine), progress)
+    return _BarReader(search, search.run(most), progress).read(most)
+
+
+class ClassSizes:
+    """Sizes of fitted effects against what a machine of its class may have.
+
+    Args:
+        expected: What a machine of the class has, by key.
+    """
+
+    def __init__(self, expected: Mapping[str, Calibrated]) -> None:
+        self.expected = expected
+
+    def sizes(self, fit: Fit) -> dict[str, float]:
+        """Probability of every effect of the model, by key, that it is there and larger than its class allows."""
+        out = {f.effect.key: self._beyond(fit, f) for f in fit.effects}
+        for f in fit.effects:
+            if f.effect.key not in self.expected:
+                out[f.effect.key] *= self._there(fit, f)
+        return out
+
+    def findings(
+        self, fit: Fit, rivals_of: Mapping[str, Sequence[tuple[str, Model]]], evidence: float
+    ) -> list[FoundEffect]:
+        """Every effect of a model with the probability that it is larger than its class allows.
+
+        Args:
+            fit: The model.
+            rivals_of: Models with something else in the place of a cause, and its id, by the cause's key.
+            evidence: Log evidence of the model.
+        """
+        size = self.sizes(fit)
+        out = []
+        for f in fit.effects:
+            key, large = f.effect.key, size[f.effect.key]
+            told = names_to_tell(rivals_of.get(key, []), evidence, name_of(f.effect))
+            columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
+            mine = 1.0 - sum(p for p, _ in told.values())
+            entry = FoundEffect(key, float(columns @ columns), {i: m.fit for i, (_, m) in told.items()})
+            others_p = {i: p * large for i, (p, _) in told.items()}
+            out.append(replace(entry, probability=mine * large, others=others_p, whole=large))
+        return out
+
+    def _there(self, fit: Fit, f: EffectVector) -> float:
+        """Probability that an effect is there at all: of its surest wave (Savage-Dickey density ratio)."""
+        assert f.prior is not None
+        mean, deviation = f.prior
+        covariance = fit.covariance_of(f)
+        groups = entries_of(f)
+        best = -np.inf
+        for _, at in groups:
+            off, c = (f.vector - mean)[at], covariance[np.ix_(at, at)]
+            shrunk = np.linalg.slogdet(c)[1] - 2.0 * np.log(deviation[at]).sum()
+            odds = 0.5 * float(off @ np.linalg.solve(c, off) + shrunk)
+            best = max(best, odds + log_odds_of(f, fit.base) / len(groups))
+        return 1.0 / (1.0 + math.exp(-min(best, 700.0)))
+
+    def _class_of(self, f: EffectVector) -> tuple[np.ndarray, np.ndarray]:
+        """What a machine of the class has of an effect, and how far it may be from that, (n,) typical sizes each."""
+        expected = self.expected.get(f.effect.key)
+        if expected is None:
+            return f.off, np.ones(len(f.vector)) if self.expected else np.zeros(len(f.vector))
+        mean, deviation, own = expected.prior_of(f)
+        return mean, np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+
+    def _beyond(self, fit: Fit, f: EffectVector) -> float:
+        """Probability that an effect is larger than its class allows: of the number that lies farthest."""
+        covariance = fit.covariance_of(f)
+        mean, limit = self._class_of(f)
+        best = 0.0
+        for _, entries in entries_of(f):
+            off, c = (f.vector - mean)[entries], covariance[np.ix_(entries, entries)]
+            if len(entries) == 2 and (f.polar or f.names == ("components",)):
+                best = max(best, beyond(off, c, float(limit[entries].max())))
+            else:
+                for x, variance, most in zip(off, np.diag(c), limit[entries], strict=True):
+                    best = max(best, beyond(np.array([x]), np.array([[variance]]), float(most)))
+        return best
+
+    def excess(self, f: EffectVector) -> float:
+        """Size of an effect over that of its class; zero where its class has none at all."""
+        if not self.expected:
+            return 0.0
+        mean, limit = self._class_of(f)
+        return float(np.max([np.linalg.norm(((f.vector - mean) / limit)[at]) for _, at in entries_of(f)]))
+
+    def in_class(self, f: EffectVector) -> Calibrated:
+        """What a machine of the class may have of an effect, also where no tolerance says so."""
+        expected = self.expected.get(f.effect.key)
+        if expected is not None:
+            return expected
+        sizes = {n: f.specs[n].scale for n in f.names if f.specs[n].neutral is not None or n == "components"}
+        return Calibrated(f, f.off, np.ones(len(f.vector)), sizes or {f.names[0]: 1.0})
+
+    @staticmethod
+    def verdicts(named: list[FoundEffect], rows: list[FoundEffect], unknown: float) -> Verdicts:
+        """Probabilities of the four verdicts; findings are taken for independent of each other.
+
+        Args:
+            named: Findings.
+            rows: All effects of the model.
+            unknown: Probability of a cause that is in no catalogue.
+        """
+        keys = {r.key for r in named}
+        sure = float(np.prod([1.0 - r.whole for r in named]))  # that none of the findings is one
+        small = float(np.prod([1.0 - r.whole for r in rows if r.key not in keys]))
+        clear = float(np.prod([r.probability / r.whole for r in named]))
+        rest = sure * (1.0 - unknown)
+        identified = (1.0 - sure) * clear + rest * (1.0 - small)
+        return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
+
+
+class Reader(ABC, Generic[D]):
+    """Reads findings out of a search.
+
+    Args:
+        search: That has ended.
+        found: Its outcome.
+        progress: Called as work gets on.
+    """
+
+    def __init__(self, search: Search[D], found: Found[D], progress: Progress) -> None:
+        self.search, self.found, self.progress = search, found, progress
+
+    @property
+    def model(self) -> Model[D]:
+        """The best model so far."""
+        return self.found.model
+
+    @property
+    def stated(self) -> dict[str, Calibrated]:
+        """What the machine file states a tolerance for, by key."""
+        return self.model.expected if self.model.fit.base.tolerance else {}
+
+    @property
+    def of_class(self) -> ClassSizes:
+        """Sizes against what a machine of its class has."""
+        return ClassSizes(self.model.expected)
+
+    @abstractmethod
+    def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
+        """What each effect adds to the readings that the set-up cannot take up, by key, (m,) SI."""
+
+    @abstractmethod
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+        """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
+        than its class allows; the model fitted beside it.
+        """
+
+    @abstractmethod
+    def _budget(self, fit: Fit) -> tuple[Budget, ...]:
+        """Where the uncertainty of every number of a model comes from."""
+
+    def _with_instrument(self, fit: Fit) -> Fit:
+        """A model with the errors of the instrument that are no unknowns of it."""
+        return fit
+
+    def resolves(self, f: EffectVector) -> bool:
+        """Whether the data tell an effect from others of its kind."""
+        return True
+
+    def _verdict(
+        self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: float, has_rest: bool
+    ) -> tuple[str, Verdicts]:
+        """The verdict, and the probabilities of all.
+
+        Args:
+            named: Findings.
+            rows: All effects of the model.
+            shown: Keys of those of which the data say more than the tolerance.
+            unknown: Probability of a cause that is in no catalogue.
+            has_rest: Whether it is a finding.
+        """
+        verdict = verdict_of((bool(r.others) for r in named), has_rest)
+        # a number that the data do not show is no more beyond its limit than on any machine of the class
+        return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown)
+
+    def read(self, most: int | None) -> Explained[D]:
+        """What the data say.
+
+        Args:
+            most: Most findings that are named; without it all.
+        """
+        fit, rivals = self.model.fit, {}
+        for _ in range(_SWAPS):
+            fitter = self.search.fitter.with_problem(self.model.problem)
+            fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
+            large = {key for key, p in self.of_class.sizes(fit).items() if p >= FINDING}
+            rivals = self.search.rivals_of(self.model, large)
+            best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
+            if best.evidence <= self.model.evidence:
+                break
+            # something else in its place is the better explanation
+            self.found = replace(self.found, model=best)
+        unexplained, unknown, moved = self._unknown(fit)
+        if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
+            fitter = self.search.fitter.with_problem(self.model.problem)
+            fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
+        whitened = self._with_instrument(fit)
+        fit = replace(moved, considered=whitened.considered)
+        # a probability has the rivals' already: their spread goes into the intervals only
+        rows = self.of_class.findings(fit, rivals, self.model.evidence)
+        fit = with_choice(fit, rivals, self.model.evidence)
+        budget = self._budget(replace(whitened, considered=fit.considered))
+        self.progress("shares of the error", 0, 1)
+        coarse = {f.effect.key for f in fit.effects if not self.resolves(f)}
+        named = [r for r in rows if r.whole >= FINDING and r.key not in coarse]
+        named = sorted(named, key=lambda r: -r.gain)[:most]
+        excess = {f.effect.key: self.of_class.excess(f) for f in fit.effects}
+        keys = {r.key for r in named}
+        inside = [self.of_class.in_class(f) for f in fit.effects if f.effect.key not in keys]
+        settings = self.model.problem.settings
+        entries, shares = calibrations(self._parts(fit), fit, inside, settings.observable)
+        entries = tuple(replace(c, observable=c.observable and c.effect.effect.key not in coarse) for c in entries)
+        explained = self.found.start.sum_squares - fit.sum_squares
+        named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
+        named.sort(key=lambda r: (-excess[r.key], -r.gain))
+        selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
+        shown = keys | {c.effect.effect.key for c in entries if c.observable}
+        verdict, verdicts = self._verdict(named, rows, shown, unknown, unexplained is not None)
+        sums, left = combinations(fit, settings), self.model.sizes.rms
+        ended = self.model.problem
+        return Explained(ended, selection, unexplained, entries, shares, sums, verdict, verdicts, left, budget)
+
+
+class _BarReader(Reader[Problem]):
+    """Reads findings out of a search on ball-bar tests."""
+
+    def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
+        return parts_of(self.model.problem, fit)
+
+    def _with_instrument(self, fit: Fit) -> Fit:
+        return with_instrument(self.model.problem, fit)
+
+    def _budget(self, fit: Fit) -> tuple[Budget, ...]:
+        return budgets(fit, split_of_bars(self.model.problem), self.stated)
+
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+        curves = self.model.curves
+        if not curves:
+            return None, 0.0, fit
+        (large, _), i = max((self._curve_beyond(c.term, *row), i) for i, (c, row) in enumerate(self._values(fit)))
+        curve = curves[i]
+        if large < FINDING:
+            return None, large, fit
+        self.progress("describing what is in no catalogue", 0, 1)
+        problem = with_curves(self.model.base, [c for c in curves if c is not curve])
+        fitter = Fitter(problem, fit.base)
+        alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+        (best, probability), *others = self._terms(problem, alone, curve)
+        moved, term, _ = fit_beside_simple(fitter, alone, best)
+        others = [(t, large * p) for t, p in others]
+        return describe(problem, moved, term, large * probability, others), large, moved
+
+    def _terms(self, problem: Problem, beside: Fit, curve: Curve) -> list[tuple[CurveTerm, float]]:
+        """What an unknown cause may act on and depend on, with probabilities, the likeliest first: the fewest that hold
+        the truth with the probability of what is told. Each in the simplest shape, with the knots that it needs.
+
+        Args:
+            problem: The tests with the whitening of the model without the curve.
+            beside: The model without the curve, whitened by ``problem``.
+            curve: Of the model.
+        """
+        others = (c for _, c in best_curves(problem, beside, self.search.plain) if c.name != curve.name)
+        rows: dict[tuple, tuple[float, CurveTerm]] = {}
+        terms = CurveTerms(problem, beside)
+        for c in (curve, *itertools.islice(others, _OTHERS)):
+            objective, term = _with_enough_knots(terms, c.term)
+            key, evidence = (term.axis, term.moves, term.variable), c.log_odds - 0.5 * objective
+            if key not in rows or evidence > rows[key][0]:  # one variable with another period is the same answer
+                rows[key] = evidence, term
+        ranked = sorted(rows.values(), key=lambda row: -row[0])
+        shares = np.exp([e - ranked[0][0] for e, _ in ranked])
+        shares /= shares.sum()
+        told = int(np.searchsorted(np.cumsum(shares), TOLD)) + 1
+        return [(term, float(p)) for (_, term), p in zip(ranked[:told], shares[:told], strict=True)]
+
+    def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
+        """Every curve of the model with its values at the knots, over their mean, and the standard deviations of these,
+        all fitted together: set-up and locations can take up the mean.
+        """
+        model, base = self.model, self.model.base
+        alone = Fitter(base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+        columns = base.whiten_further(np.hstack([c.columns * c.width for c in model.curves]))
+        cross = alone.design.T @ columns
+        information = alone.linear.left_over(columns.T @ columns, cross)
+        covariance = np.linalg.inv(information + np.eye(columns.shape[1]))
+        sizes = covariance @ (columns.T @ alone.residual - cross.T @ alone.step)
+        first = 0
+        for c in model.curves:
+            at = slice(first, first + c.columns.shape[1])
+            root = (c.root - c.root.mean(axis=0)) * c.width
+            yield c, (root @ sizes[at], np.sqrt(np.einsum("ij,jk,ik->i", root, covariance[at, at], root)))
+            first = at.stop
+
+    def _curve_beyond(self, term: CurveTerm, values: np.ndarray, spread: np.ndarray) -> tuple[float, float]:
+        """Probability that a curve is larger, at some place, than a machine of the class may have: than its pitch
+        error, or than its play where it has a sign by the direction of motion. How far it is beyond, over its spread.
+        """
+        size, spread = np.abs(values) * term.unit, np.maximum(spread, 1e-9) * term.unit
+        limit = 0.0
+        if self.model.expected:
+            chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
+            moves = term.moves if term.moves in chain.letters else chain.linear[0]
+            expected = self.model.expected.get(f"{kind}.{moves}")
+            if expected is not None:
+                limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
+        beyond = float(np.max((size - limit) / spread))
+        return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
+
+
+def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, CurveTerm]:
+    """A curve with the number of knots of largest evidence in the simplest shape, and its -2 log evidence: a step lies
+    between two of them.
+    """
+    shape = partial(simplest_shape, closed=term.period is not None)
+    finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
+    whiten = terms.problem.whiten
+    rows = [(Together(terms.fit, whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
+    return min(rows, key=lambda row: row[0])

@@ -1,0 +1,161 @@
+"""The test that should follow a search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.errors import InputError
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.noise import Noise
+from mjsim.inference.outcome import Selection
+from mjsim.inference.planning.candidates import axis_speeds, minutes
+from mjsim.inference.planning.choose import choose
+from mjsim.inference.planning.separation import Explanation, Separation, Separator
+from mjsim.inference.problem import Problem
+from mjsim.inference.settings import PLAN, PlanSettings
+from mjsim.inference.signatures import Projector
+from mjsim.inference.testability import not_testable
+from mjsim.instruments.base import table_of
+from mjsim.machine.chain import Chain
+from mjsim.progress import Progress, silent
+from mjsim.units import UM
+
+#: How the absence of every further effect is named in ``between``.
+NOTHING = "nothing"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The next test.
+
+    Attributes:
+        between: ids of the two explanations; the second is ``"nothing"`` where a hidden effect shall be made to show.
+        choices: Candidate tests, best first.
+        reason: One sentence.
+        settings: By which they were chosen.
+        explanations: What is to be separated.
+    """
+
+    between: tuple[str, str]
+    choices: tuple[Separation, ...]
+    reason: str
+    settings: PlanSettings = PLAN
+    explanations: tuple[Explanation, ...] = ()
+
+    @property
+    def best(self) -> Separation:
+        """The test to run."""
+        return self.choices[0]
+
+    @property
+    def decides(self) -> bool:
+        """Whether the best test is expected to decide."""
+        return self.best.deviance >= self.settings.decisive
+
+    def to_json(self, most: int = 5) -> dict:
+        """As ``next_test`` in the JSON of ``mjsim diagnose``, with the runners-up."""
+        return {
+            **self._row(self.best),
+            "decides": self.decides,
+            "reason": self.reason,
+            "enough": round(self.settings.decisive**0.5, 1),
+            "plenty": round(self.settings.certain**0.5, 1),
+            "axis_speeds": axis_speeds(self.best.test),
+            "runners_up": [self._row(s) for s in self.choices[1:most]],
+        }
+
+    def _row(self, s: Separation) -> dict:
+        return {
+            "between": list(self.between),
+            "test": table_of(s.test),
+            "difference_um": round(s.difference / UM, 3),
+            "separation": round(s.deviance**0.5, 1),
+            "minutes": round(minutes(s.test, self.settings.handling), 1),
+        }
+
+
+def plan_for(
+    problem: Problem, selection: Selection, threads: int = 2, progress: Progress = silent, hidden: bool = True
+) -> Plan | None:
+    """The next test after a search: the first that is expected to decide between a finding and what may stand in its
+    place, or else the one that comes nearest.
+
+    Args:
+        problem: The measured tests.
+        selection: What was found in them.
+        threads: Tests that are looked at side by side.
+        progress: Called as work gets on.
+        hidden: Also where nothing is ambiguous, for what is not testable.
+    """
+    args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress, problem.settings.plan)
+    undecided = []
+    for f in selection.found:
+        for other, fit in f.competing.items():
+            mine = f.key.partition("[")[0]
+            pair = Explanation.of_fit(mine, selection.fit), Explanation.of_fit(other, fit)
+            plan = best_of((mine, other), pair, *args)
+            if plan.decides:
+                return plan
+            undecided.append(plan)
+    if undecided:
+        return max(undecided, key=lambda plan: plan.best.deviance)
+    if not hidden:
+        return None
+    for effect_id in not_testable(problem, Projector(selection.start), selection.bank):
+        if not _seeds(effect_id, problem.chain):
+            continue
+        here = Explanation.of_fit(NOTHING, selection.fit)
+        there = here.with_effect(effect_id, typical(effect_id, problem.chain))
+        return best_of((effect_id, NOTHING), (there, here), *args)
+    return None
+
+
+def best_of(
+    between: tuple[str, str],
+    explanations: tuple[Explanation, Explanation],
+    campaign: Campaign,
+    noise: Noise,
+    block: float,
+    threads: int,
+    progress: Progress,
+    settings: PlanSettings = PLAN,
+) -> Plan:
+    separator = Separator(*explanations, noise, block)
+    choices = choose(separator, campaign.tests, threads, progress, settings)
+    a, b = between
+    what = f"makes {a} show" if b == NOTHING else f"separates {a} from {b}"
+    best = choices[0]
+    if best.deviance >= settings.decisive:
+        reason = f"Of {len(choices)} tests within reach this one {what} best per minute of machine time."
+    else:
+        reason = f"No test of {len(choices)} within reach {what} clearly; this one comes nearest."
+    return Plan(between, tuple(choices), reason, settings, explanations)
+
+
+def _seeds(effect_id: str, chain: Chain) -> list[dict]:
+    """Typical values of an effect; none where its shape is free."""
+    cls, subject = registry.effect_class(effect_id, chain)
+    return cls.search.seeds_of(cls.parameters_of(subject), subject, chain)
+
+
+def typical(effect_id: str, chain: Chain) -> EffectVector:
+    """An effect at a typical size, whatever the machine has of it.
+
+    Args:
+        effect_id: ``kind.SUBJECT``.
+        chain: axes of the machine.
+
+    Raises:
+        InputError: its shape is free (a pitch error's order), so no size is typical.
+    """
+    cls, subject = registry.effect_class(effect_id, chain)
+    seeds = _seeds(effect_id, chain)
+    if not seeds:
+        raise InputError(
+            f"plan for {effect_id}: its orders are not known beforehand; measure any test in which its axis moves"
+            if not cls.follows_sensor(subject)
+            else f"plan for {effect_id}: nobody knows the temperatures beforehand; measure the same test cold and warm"
+        )
+    return EffectVector(cls(subject, **seeds[0]), cls.search.free_of(cls.parameters_of(subject)))

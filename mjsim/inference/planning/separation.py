@@ -1,0 +1,228 @@
+"""How well a test that was not measured yet would separate two explanations of the tests that were.
+
+Hunter and Reiner's T-optimality in its Bayesian form: the difference of the two predictions, in units of its noise,
+that is left when the second explanation has adapted everything it may still adapt: its effects and data sheet within
+what the campaign has left open, the new set-up within its priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mjsim.inference.competing import CompetingModel
+from mjsim.inference.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
+from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.fit import Fit
+from mjsim.inference.kept_changes import KeptChanges
+from mjsim.inference.least_squares import ridge_solution
+from mjsim.inference.linearisation import Linearisation
+from mjsim.inference.noise import Noise
+from mjsim.inference.nuisance import BAR_LENGTH, NEST, TRIGGER, instrument_blocks, set_up_columns, set_up_sizes
+from mjsim.inference.parameters import Block, Parameters
+from mjsim.inference.posterior import Posterior
+from mjsim.inference.problem import sheet_grid, sheet_plants
+from mjsim.inference.samples import BLOCKS, GRID_STEPS
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.model import Machine, build
+from mjsim.machine.sensitivity import BarSensitivity
+from mjsim.simulation.axes import AxesMotion, motions_of
+
+_STEP = 0.02
+#: Prior width of an effect's parameters where nothing was measured, typical sizes.
+_OPEN = 100.0
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fitted model, and what in it is free with which covariance.
+
+    Attributes:
+        name: Id of the effect that it stands for.
+        base: The machine without the free effects, data sheet as printed.
+        sheet_deviation: Deviations of its data sheet, (sheet,) standard deviations.
+        effects: Free effects.
+        parameters: Blocks of the instrument, data sheet and effects: what a new set-up does not change.
+        covariance: Of these, (p, p), in prior standard deviations and typical sizes.
+    """
+
+    name: str
+    base: Machine
+    sheet_deviation: np.ndarray
+    effects: tuple[EffectVector, ...]
+    parameters: Parameters
+    covariance: np.ndarray
+
+    @classmethod
+    def of_fit(cls, name: str, fit: Fit) -> Explanation:
+        """From a fit."""
+        kept = _lasting(fit.base, fit.effects, [b for b in fit.parameters.blocks if b.name in (BAR_LENGTH, NEST)])
+        at = fit.parameters.places(*(b.name for b in kept.blocks))
+        return cls(name, fit.base, fit.sheet_deviation, fit.effects, kept, fit.covariance[np.ix_(at, at)])
+
+    @classmethod
+    def of_priors(cls, name: str, machine: Machine, effects: list[EffectVector]) -> Explanation:
+        """From priors alone, where nothing was measured."""
+        kept = _lasting(machine, tuple(effects))
+        spread = np.where(kept.informative, 1.0, _OPEN**2)
+        return cls(name, machine, np.zeros(len(data_sheet(machine.chain))), tuple(effects), kept, np.diag(spread))
+
+    def with_effect(self, name: str, effect: EffectVector) -> Explanation:
+        """The same with one more effect of a given size, that is not free."""
+        return replace(self, name=name, effects=(*self.effects, effect))
+
+    @property
+    def machine(self) -> Machine:
+        """The whole machine at the best estimate."""
+        return calibrated(self.base.with_effects(f.effect for f in self.effects), self.sheet_deviation)
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a test would do: ``deviance`` (squared distance in noise units), ``difference`` RMS in m after
+    adaptation.
+    """
+
+    test: BallBarTest
+    deviance: float
+    difference: float
+
+
+@dataclass(frozen=True)
+class Unmeasured:
+    """A test that was not measured yet: its reading is sampled at every instant of the grid.
+
+    Attributes:
+        motions: Its axes' motion, alone in a tuple.
+        sensitivity: The reading's derivatives along it, likewise.
+        changes: What was computed already.
+    """
+
+    motions: tuple[AxesMotion]
+    sensitivity: tuple[BarSensitivity]
+    changes: KeptChanges = field(default_factory=KeptChanges)
+
+    @property
+    def samples(self) -> tuple[Unmeasured]:
+        """The reading as it is."""
+        return (self,)
+
+    def sample(self, grid: np.ndarray, shift: float) -> np.ndarray:
+        """The reading itself."""
+        return grid
+
+    def map(self, work: Callable[[int], object]) -> list:
+        """The work on the one test."""
+        return [work(0)]
+
+    def shift(self, k: int, nuisance: np.ndarray) -> float:
+        """No trigger shift."""
+        return 0.0
+
+
+class Separator:
+    """Separations of two explanations by tests, under one noise model."""
+
+    def __init__(self, truth: Explanation, other: Explanation, noise: Noise, block: float = BLOCKS[0]) -> None:
+        self.truth, self.other, self.noise, self.block = truth, other, noise, block
+        self._plants = build(truth.machine), build(other.machine)
+        axes = {f.effect.subject for f in (*truth.effects, *other.effects)}
+        self._moved = sheet_plants(other.machine, axes)
+
+    def of(self, test: BallBarTest) -> Separation:
+        """Deviance and difference of one test."""
+        d, J, rows = (np.concatenate(x) for x in zip(*map(self._seen_by, motions_of(test.readings, 12)), strict=True))
+        if np.std(d) < 0.02 * self.noise.rms:
+            return Separation(test, 0.0, 0.0)
+        dw, Jw = rows[:, 0], rows[:, 1:]
+        adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
+        rest = dw - Jw @ adapted
+        return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ adapted) ** 2))))
+
+    def _seen_by(self, motion: AxesMotion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of one reading the difference of the explanations, (n,) m, the derivatives of the second one, (n, p) m per
+        prior standard deviation, and both whitened, (rows, 1 + p).
+        """
+        lo, hi = motion.program.measured_span
+        time = motion.time[::GRID_STEPS]
+        inside = np.flatnonzero((time >= lo) & (time <= hi))
+        per_block = max(1, round(self.block / (time[1] - time[0])))
+        inside = inside[: len(inside) // per_block * per_block]
+
+        def blocks(grid: np.ndarray) -> np.ndarray:
+            return grid[inside].reshape(-1, per_block).mean(axis=1)
+
+        a, b = (motion.reading(p, GRID_STEPS) for p in self._plants)
+        d = blocks(a - b)
+        columns = [blocks(c) for c in self._columns(motion, b)]
+        block = NEST if motion.test.component else BAR_LENGTH
+        # in units of the root the prior is a unit normal
+        J = np.column_stack(columns) @ self._prior_root(len(columns), block)
+        return d, J, whitened(self.noise, np.column_stack([d, J]))
+
+    def _prior_root(self, size: int, instrument: str) -> np.ndarray:
+        """Cholesky factor of the covariance of set-up and trigger, then instrument, data sheet of the axes concerned,
+        effects.
+
+        Args:
+            size: Number of columns.
+            instrument: Name of its block.
+        """
+        other = self.other
+        sheet = [other.parameters.place(DATA_SHEET, data_sheet(other.base.chain)[j].label) for j in self._moved]
+        effects = [b.name for b in other.parameters.blocks if not b.informative]
+        kept = [*other.parameters.places(instrument), *sheet, *other.parameters.places(*effects)]
+        new = size - len(kept)
+        root = np.eye(size)
+        root[new:, new:] = np.linalg.cholesky(other.covariance[np.ix_(kept, kept)] + 1e-12 * np.eye(len(kept)))
+        return root
+
+    def _columns(self, motion: AxesMotion, base: np.ndarray):
+        """Derivatives of the other explanation's reading: set-up, trigger, instrument, data sheet, effects; m per prior
+        unit.
+        """
+        plant, other = self._plants[1], self.other
+        sens = motion.sensitivity(plant, GRID_STEPS)
+        set_up, (own, _) = set_up_columns(motion.test, sens, np.zeros((len(base), 3))), set_up_sizes(motion.test)
+        yield from set_up[:, :own].T
+        yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
+        yield from set_up[:, own:].T
+        yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
+        linear = Linearisation(Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
+        for f in other.effects:
+            cheap = linear.columns(f)
+            if cheap is not None:
+                yield from cheap[0].T
+                continue
+            for j in range(len(f.vector)):
+                effect, change = f.nudged(j, _STEP)
+                there = motion.reading(build(other.machine.with_effect(effect)), GRID_STEPS)
+                yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
+
+
+def whitened(noise: Noise, columns: np.ndarray) -> np.ndarray:
+    """Block means (m, k) of one test without a gap in units of the noise, (m - order, k)."""
+    taps = noise.taps
+    p = len(taps) - 1
+    out = np.zeros_like(columns[p:])
+    for k, t in enumerate(taps):
+        out += t * columns[p - k : len(columns) - k]
+    return out
+
+
+def competing_of(explanation: Explanation) -> CompetingModel:
+    """An explanation as other instruments take it: its machine, and what is uncertain about effects and data sheet."""
+    e = explanation
+    places = e.parameters.places(*(f.block.name for f in e.effects), DATA_SHEET)
+    return CompetingModel(e.name, e.machine, Posterior(e.effects, e.covariance[np.ix_(places, places)]), 0.0)
+
+
+def _lasting(
+    machine: Machine, effects: tuple[EffectVector, ...], instruments: Sequence[Block] | None = None
+) -> Parameters:
+    """Blocks of what a new set-up does not change; without ``instruments`` those of any."""
+    own = instrument_blocks() if instruments is None else instruments
+    sheet = sheet_block(machine, np.zeros(len(data_sheet(machine.chain)), bool))
+    return Parameters((*own, sheet, *(f.block for f in effects)))

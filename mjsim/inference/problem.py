@@ -1,0 +1,345 @@
+"""A campaign as an estimation problem: whitened residuals, nuisances, and derivatives with respect to the data sheet.
+
+All columns are in m per standard deviation of their prior, so every prior is a unit normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from mjsim.campaign.model import Campaign
+from mjsim.effects import registry
+from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_of
+from mjsim.inference.design import Design
+from mjsim.inference.kept_changes import KeptChanges
+from mjsim.inference.noise import Noise, noises_of
+from mjsim.inference.nuisance import TRIGGER, Nuisances, set_up_columns
+from mjsim.inference.samples import GRID, GRID_STEPS, Samples, make_samples
+from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.inference.whitening import Whitening
+from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.chain import Chain
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import Machine, build
+from mjsim.machine.plant import Plant
+from mjsim.machine.sensitivity import BarSensitivity
+from mjsim.simulation.axes import AxesMotion, motions_of
+from mjsim.simulation.stability import check_stable
+from mjsim.threads import Workers
+
+
+def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, tuple[Plant, float]]:
+    """Plants with one number of some axes' data sheet moved, and by how many standard deviations, by its place in the
+    data sheet.
+    """
+    sheet = sheet_of(machine)
+    moves = np.diag([p.step for p in sheet])
+    return {j: (build(calibrated(machine, moves[j])), p.step) for j, p in enumerate(sheet) if p.axis in axes}
+
+
+def sheet_grid(
+    motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dict[int, tuple[Plant, float]]
+) -> np.ndarray:
+    """Derivatives of one test's reading with respect to the data sheet, from ``base`` to each of ``moved``, (sheet, n)
+    m per standard deviation on the GRID; zero for the others. Single precision is enough for them, and a diagnosis
+    keeps them all.
+    """
+    sheet = data_sheet(base.chain)
+    out = np.zeros((len(sheet), len(motion.time[::GRID_STEPS])), np.float32)
+    for j, (plant, step) in moved.items():
+        axis = sheet[j].axis
+        i = base.chain.index(axis)
+        if motion.moves[i]:
+            out[j] = sens.axes[:, i] * motion.motor_change(axis, base.axes[axis], plant.axes[axis], GRID_STEPS) / step
+    return out
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Measured tests with everything that does not change while models are tried.
+
+    Attributes:
+        campaign: As it was read.
+        tests: The measured tests.
+        samples: Their traces in blocks, one per test.
+        noises: Noise models of the block means, by name of the instrument.
+        motions: The axes' motions, one per test.
+        sensitivity: The reading's derivatives along each test, at the positions that the machine as given reaches.
+        nuisances: Blocks of set-up and instrument.
+        outliers: Number of disturbances left out, by test.
+        workers: Work on the tests side by side.
+        settings: What decides in a diagnosis.
+        changes: What single effects change in the readings, as far as it was computed.
+        whitening: What the errors are beyond the campaign's noise; ``None`` where there is nothing.
+    """
+
+    campaign: Campaign
+    tests: tuple[BallBarTest, ...]
+    samples: tuple[Samples, ...]
+    noises: Mapping[str, Noise]
+    motions: tuple[AxesMotion, ...]
+    sensitivity: tuple[BarSensitivity, ...]
+    nuisances: Nuisances
+    outliers: Mapping[str, int]
+    workers: Workers
+    settings: DiagnosisSettings
+    changes: KeptChanges = field(default_factory=KeptChanges)
+    whitening: Whitening | None = None
+
+    @classmethod
+    def of(
+        cls,
+        campaign: Campaign,
+        plant: Plant,
+        threads: int = 2,
+        block: float | None = None,
+        keep_motions: bool = True,
+        settings: DiagnosisSettings = DIAGNOSIS,
+    ) -> Problem:
+        """The measured tests of a campaign as they were read.
+
+        Args:
+            campaign: With at least one measured test.
+            plant: Of the machine as given.
+            threads: Tests that are worked on side by side.
+            block: Length of an averaging block, s; otherwise by the tests' feeds.
+            keep_motions: Without it, a test's motions are kept for one model only: a fifth of the memory.
+            settings: What decides in a diagnosis.
+
+        Raises:
+            SimulationError: A drive is unstable.
+        """
+        check_stable(plant)
+        # a user's plain-Python effect holds Python's lock, so that threads gain nothing, and has a time limit in the
+        # calling thread only; one that is to be fitted is in no plant yet
+        known = {*registry.kinds().values(), *map(type, plant.python_effects)}
+        workers = Workers(1 if any(c.position_error is not Effect.position_error for c in known) else threads)
+        campaign = campaign.in_motion
+        tests = campaign.measured
+        samples = make_samples(tests, campaign.traces, block)
+        noises = noises_of(samples, campaign.instruments)
+        motions = motions_of(tests) if keep_motions else motions_of(tests, keep=1, light=True)
+        sensitivity = workers.map(lambda k: motions[k].sensitivity(plant, GRID_STEPS), range(len(tests)))
+        nuisances = Nuisances.of_tests(tests, settings.trigger_limit)
+        outliers = {t.name: 0 for t in tests}
+        return cls(
+            campaign, tests, tuple(samples), noises, motions, tuple(sensitivity), nuisances, outliers, workers, settings
+        )
+
+    def with_samples(
+        self, samples: Sequence[Samples], tests: tuple[BallBarTest, ...], outliers: Mapping[str, int]
+    ) -> Problem:
+        """The problem with other samples of its tests; the noise model stays."""
+        nuisances = Nuisances.of_tests(tests, self.settings.trigger_limit)
+        return replace(self, samples=tuple(samples), tests=tests, nuisances=nuisances, outliers=outliers)
+
+    def with_noise_of_samples(self) -> Problem:
+        """The problem with the noise estimated again, from its samples."""
+        return replace(self, noises=noises_of(self.samples, self.campaign.instruments))
+
+    def without(self, parts: Sequence[np.ndarray]) -> Problem:
+        """The problem with parts of the readings that are understood left out of the data.
+
+        Args:
+            parts: Per test what is left out of every sample, (n,) m.
+        """
+        samples = tuple(s.without(part) for s, part in zip(self.samples, parts, strict=True))
+        return replace(self, samples=samples).with_noise_of_samples()
+
+    def restored(self) -> Problem:
+        """The problem with all that :meth:`without` left out, at the noise found without it."""
+        return replace(self, samples=tuple(s.without(np.zeros(len(s.time))) for s in self.samples))
+
+    def sample_residuals(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Measured less modelled, every sample, (n,) per test, m; what was left out of the data does not count.
+
+        Args:
+            readings: Simulated readings on the GRID, one per test, m.
+            nuisance: (nuisances.size,) in prior standard deviations.
+        """
+
+        def one(k: int) -> np.ndarray:
+            s = self.samples[k]
+            modelled = s.sample_all(readings[k] + self.offsets(k, nuisance), self.shift(k, nuisance))
+            return s.value - s.left_out - modelled
+
+        return self.map(one)
+
+    def map(self, work: Callable[[int], object]) -> list:
+        """``work(k)`` for every test on the problem's threads, in order."""
+        return self.workers.map(work, range(len(self.tests)))
+
+    @property
+    def noise(self) -> Noise:
+        """Noise model of the first test."""
+        return self.noise_of(0)
+
+    def noise_of(self, k: int) -> Noise:
+        """Noise model of test ``k``."""
+        return self.noises[self.tests[k].instrument]
+
+    @property
+    def chain(self) -> Chain:
+        """Axes of the machine that was measured."""
+        return self.tests[0].chain
+
+    @property
+    def count(self) -> int:
+        """Number of whitened residuals."""
+        return sum(map(len, self._kept))
+
+    @property
+    def rows(self) -> list[slice]:
+        """Which whitened rows are those of each test."""
+        return [slice(int(a), int(b)) for a, b in pairwise(np.cumsum([0, *map(len, self._kept)]))]
+
+    @cached_property
+    def _kept(self) -> list[np.ndarray]:
+        """Per test, the blocks that have a whitened residual."""
+        return [np.flatnonzero(self.noise_of(k).rows(s)) for k, s in enumerate(self.samples)]
+
+    def readings(self, plant: Plant) -> list[np.ndarray]:
+        """Simulated readings of all tests on the GRID, m."""
+        return self.map(lambda k: self.motions[k].reading(plant, GRID_STEPS))
+
+    def shift(self, k: int, nuisance: np.ndarray) -> float:
+        """Trigger shift of test ``k``, s."""
+        return self.nuisances.trigger(nuisance, self.tests[k].recording)
+
+    @cached_property
+    def set_up(self) -> list[np.ndarray]:
+        """Derivatives of every test's reading by its nuisances but for the trigger, on the GRID, (n, k) m per prior
+        standard deviation.
+        """
+        out = []
+        for test, sensitivity in zip(self.tests, self.sensitivity, strict=True):  # a worker may ask for it
+            trace, time = self.campaign.traces[test.name], GRID * np.arange(len(sensitivity.table))
+            shown = (
+                np.column_stack([np.interp(time, trace.time, x) for x in trace.vector.T]) if test.component else None
+            )
+            out.append(set_up_columns(test, sensitivity, shown))
+        return out
+
+    def offsets(self, k: int, nuisance: np.ndarray) -> np.ndarray:
+        """What set-up and instrument add to test ``k``'s reading, on the GRID, m."""
+        return self.set_up[k] @ nuisance[self.nuisances.of_test(self.tests[k])[:-1]]
+
+    def modelled(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Modelled block means of every test, m: simulated readings on the GRID with the nuisances
+        (nuisances.size,) applied.
+        """
+        return self.map(lambda k: self.modelled_test(k, readings[k], nuisance))
+
+    def modelled_test(self, k: int, reading: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
+        """Modelled block means of one test, (m,) m; arguments as of :meth:`modelled`."""
+        return self.samples[k].sample(reading + self.offsets(k, nuisance), self.shift(k, nuisance))
+
+    def residual(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Measured less modelled block means (m,) per test, m."""
+        return [s.mean - x for s, x in zip(self.samples, self.modelled(readings, nuisance), strict=True)]
+
+    def nuisance_columns(self, readings: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Derivatives of the modelled block means, (m, k) per test, m per prior standard deviation.
+
+        Columns are those of ``nuisances.of_test(test)``. The other nuisances do not reach that test: what is computed
+        with these columns grows with the tests, not with their square.
+        """
+        return self.map(lambda k: self.nuisance_columns_of_test(k, readings[k], nuisance))
+
+    def nuisance_columns_of_test(self, k: int, reading: np.ndarray, nuisance: np.ndarray) -> np.ndarray:
+        """The same of one test, (m, k)."""
+        s, shift = self.samples[k], self.shift(k, nuisance)
+        late = -s.sample(np.gradient(reading + self.offsets(k, nuisance), GRID), shift) * TRIGGER
+        return np.column_stack([*self.set_up_means(k, shift), late])
+
+    def set_up_means(self, k: int, shift: float) -> list[np.ndarray]:
+        """Block means (m,) of test ``k``'s :attr:`set_up` at a trigger shift, s, column by column."""
+        return [
+            self.samples[k].sample(column, shift) if column.any() else np.zeros(len(self.samples[k].centre))
+            for column in self.set_up[k].T
+        ]
+
+    def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per test, the places (k,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
+        parts = self.map(lambda k: self.whiten_test(k, columns[k]))
+        blocks = [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
+        if self.whitening is None or not self.whitening.shared:
+            return blocks
+        every = np.arange(self.nuisances.size)
+        dense = self.whitening.of_all(Design(blocks, self.nuisances.size) @ np.eye(self.nuisances.size))
+        return [(every, dense[rows]) for rows in self.rows]
+
+    def difference(
+        self, base: Sequence[np.ndarray], other: Sequence[np.ndarray], nuisance: np.ndarray
+    ) -> list[np.ndarray]:
+        """``other - base`` as block means at the triggers of ``nuisance``, m."""
+        return self.map(lambda k: self.samples[k].sample(other[k] - base[k], self.shift(k, nuisance)))
+
+    def sheet_grids(self, machine: Machine, axes: Iterable[str] | None = None) -> list[np.ndarray]:
+        """Derivative of the readings with respect to the data sheet of some axes (all), (sheet, n) per test on the
+        GRID.
+
+        In m per standard deviation. Only the changed axis is simulated; its motion enters through the reading's
+        sensitivity. Columns of other axes are zero.
+        """
+        base = build(machine)
+        moved = sheet_plants(machine, machine.chain.letters if axes is None else axes)
+
+        return self.map(lambda k: sheet_grid(self.motions[k], self.sensitivity[k], base, moved))
+
+    def sample_grids(self, grids: Sequence[np.ndarray], nuisance: np.ndarray) -> list[np.ndarray]:
+        """Block means (m, columns) per test of readings' derivatives (columns, n) on the GRID, at the triggers of
+        ``nuisance``.
+        """
+
+        def columns(k: int) -> np.ndarray:
+            s, shift = self.samples[k], self.shift(k, nuisance)
+            return np.column_stack([s.sample(g, shift) if g.any() else np.zeros(len(s.centre)) for g in grids[k]])
+
+        return self.map(columns)
+
+    def whiten(self, per_test: Sequence[np.ndarray]) -> np.ndarray:
+        """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""
+        return self.whiten_each(per_test.__getitem__, np.empty((self.count, *per_test[0].shape[1:])))
+
+    def whiten_each(self, work: Callable[[int], np.ndarray], out: np.ndarray) -> np.ndarray:
+        """As :meth:`whiten`, of block arrays that ``work(k)`` makes test by test, into ``out``.
+
+        Each test goes straight into its rows: wide columns fill hundreds of MB.
+        """
+        rows = self.rows
+
+        def one(k: int) -> None:
+            out[rows[k]] = self.whiten_test(k, work(k))
+
+        self.map(one)
+        if self.whitening is not None and self.whitening.shared:
+            out[:] = self.whitening.of_all(out)
+        return out
+
+    @cached_property
+    def filters(self) -> list[csr_array]:
+        """What the noise model does to the blocks of each test, as sparse matrices."""
+        return [
+            self.noise_of(k).filter(kept, len(s.centre))
+            for k, (kept, s) in enumerate(zip(self._kept, self.samples, strict=True))
+        ]
+
+    def whitened_by(self, whitening: Whitening) -> Problem:
+        """The problem with another whitening of what its errors are beyond the campaign's noise."""
+        return replace(self, whitening=whitening)
+
+    def whiten_further(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (count,) or (count, k) that the campaign's noise alone has whitened, as :meth:`whiten` gives them."""
+        return rows if self.whitening is None else self.whitening.of_rows(self.rows, rows)
+
+    def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
+        """Whitened rows of block columns (m,) or (m, k) of one test, but for what it shares with other tests."""
+        rows = self.noise_of(k).whiten(self.samples[k], columns, self._kept[k])
+        return rows if self.whitening is None else self.whitening.of_test(k, rows)

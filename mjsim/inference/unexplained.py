@@ -1,0 +1,266 @@
+"""When the catalogue does not explain what is left: generic terms that say on what the rest depends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mjsim.inference.curve_shape import bends, changes, orders
+from mjsim.inference.curve_terms import RADIAL, TABLE, CurveTerm
+from mjsim.inference.effect_file import effect_source
+from mjsim.inference.fit import Fit
+from mjsim.inference.problem import Problem
+from mjsim.inference.visibility import unabsorbed
+from mjsim.machine.chain import is_rotary
+from mjsim.units import DEG, UM
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """Something repeatable that no catalogue effect explains.
+
+    Attributes:
+        axes, variable: on what it depends. period: in units of the variable (°, mm, s), or ``None``. rms: m. tests:
+            where it shows.
+        angles: per test of ``tests``, φ (deg) where it is largest. summary: one sentence.
+        curve: knots of the variable, the empirical term there and its standard deviation (file units: mm, °, m/s ...
+            and µm or °).
+        labels: of the curve's two axes. left: RMS of what remains beyond the empirical term, m.
+        probability: that there is such a cause, larger than a machine of its class may have, on these axes and with
+            this variable. alternatives: what else it may be: axes, variable, probability.
+        source: text of an effect file in that form. effect_file, plot: where they were written, if they were.
+    """
+
+    axes: tuple[str, ...]
+    variable: str
+    period: float | None
+    rms: float
+    tests: tuple[str, ...]
+    angles: tuple[float, ...]
+    summary: str
+    curve: tuple[np.ndarray, np.ndarray, np.ndarray]
+    labels: tuple[str, str]
+    left: float = 0.0
+    probability: float = 1.0
+    alternatives: tuple[tuple[tuple[str, ...], str, float], ...] = ()
+    source: str = ""
+    effect_file: str | None = None
+    plot: str | None = None
+
+    @property
+    def stem(self) -> str:
+        """Name of its files, without the ending."""
+        return _stem(self.axes)
+
+    def to_json(self) -> dict:
+        """As in the JSON of ``mjsim diagnose``."""
+        return {
+            "axes": list(self.axes),
+            "variable": self.variable,
+            "period": self.period,
+            "rms_um": round(self.rms / UM, 4),
+            "left_um": round(self.left / UM, 4),
+            "probability": round(self.probability, 4),
+            "alternatives": [
+                {"axes": list(axes), "variable": variable, "probability": round(p, 4)}
+                for axes, variable, p in self.alternatives
+            ],
+            "tests": list(self.tests),
+            "largest_at_phi_deg": [round(a, 1) for a in self.angles],
+            "summary": self.summary,
+            "effect_file": self.effect_file,
+            "plot": self.plot,
+        }
+
+
+_WORDS = {
+    "position": "position",
+    "direction": "direction of motion and position",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "torque": "motor's torque",
+    "time_since_reversal": "time since its last reversal",
+}
+#: Unit of the knots of times since a reversal.
+_LOG_SECONDS = "log₁₀ s"
+#: Most steps, bends or waves of a curve that are told (assumed).
+_MOST_TOLD = 3
+_MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
+
+
+def describe(
+    problem: Problem,
+    fit: Fit,
+    term: CurveTerm,
+    probability: float = 1.0,
+    others: Sequence[tuple[CurveTerm, float]] = (),
+) -> Unexplained:
+    """A fitted term in words, with its curve and its effect file.
+
+    Args:
+        problem: The measured tests.
+        fit: The model that was fitted together with the term.
+        term: With its coefficients.
+        probability: That such a cause is larger than the class allows, and acts and depends on what the term does.
+        others: What else it may be, with probabilities.
+    """
+    # what the nuisances cannot take up
+    parts = unabsorbed(problem, fit, [c @ term.coefficients for c in term.columns])
+    explained = [c @ term.coefficients for c in term.columns]
+    rms = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    rest = problem.residual(fit.readings, fit.nuisance)
+    left = float(
+        np.sqrt(
+            np.mean(
+                np.concatenate([(r - p)[s.good] for r, p, s in zip(rest, explained, problem.samples, strict=True)]) ** 2
+            )
+        )
+    )
+    spread = [float(np.std(p)) for p in parts]
+    order = sorted(
+        (k for k in range(len(parts)) if spread[k] > problem.settings.visible_share * problem.noise_of(k).rms),
+        key=lambda k: -spread[k],
+    )
+    where = tuple(
+        float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order
+    )
+    shows = tuple(problem.tests[k].name for k in order)
+    x, x_label, period = _file_units(term, fit, problem.settings.harmonic_share)
+    factor, y_unit = (1.0 / DEG, "°") if is_rotary(term.moves) else (1.0 / UM, "µm")
+    shown, spread_of = _seen(term, problem.settings.hidden_shape)
+    size = shown * term.unit
+    power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
+    reached = power > 1e-4 * power.max()
+    curve = x, np.where(reached, size * factor, np.nan), spread_of * term.unit * factor  # nan: no test goes there
+    repeats = f", repeating every {period:.4g} {x_label.rsplit('[', 1)[-1].rstrip(']')}" if period else ""
+    most = f", most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
+    or_else = " or ".join(f"{_acts(t)} ({100 * p:.0f} %)" for t, p in others)
+    summary = (
+        f"Something that is not in the catalogue {_acts(term)}{repeats}: {rms / UM:.2f} µm RMS in the readings{most}; "
+        f"{left / UM:.2f} µm stay after an empirical curve of that form."
+        + shape_in_words(term, x, factor, x_label, y_unit)
+        + (f" That is {100 * probability:.0f} % sure; these tests leave open that it {or_else}." if or_else else "")
+    )
+    axes = term.axes or (term.moves,)
+    alternatives = tuple((t.axes or (t.moves,), t.variable, p) for t, p in others)
+    # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
+    fitted = bridged(term, term.coefficients * term.unit, reached)
+    source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
+    labels = (x_label, f"displacement of {_moved(term)} [{y_unit}]")
+    return Unexplained(
+        axes,
+        term.variable,
+        period,
+        rms,
+        shows,
+        where,
+        summary,
+        curve,
+        labels,
+        left,
+        probability,
+        alternatives,
+        source,
+    )
+
+
+def _moved(term: CurveTerm) -> str:
+    """What a term displaces."""
+    return _MOVED.get(term.moves, f"the {term.moves} axis")
+
+
+def _acts(term: CurveTerm) -> str:
+    """What a term acts on, and on what it depends."""
+    if term.axis == term.moves:
+        return f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
+    on = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
+    return f"acts on {_moved(term)} and {on}"
+
+
+def bridged(term: CurveTerm, values: np.ndarray, reached: np.ndarray) -> np.ndarray:
+    """Values of a curve at all knots. Those of a free one that no test reaches mean nothing: it is straight from one
+    place that a test reaches to the next.
+
+    Args:
+        term: Whose curve it is.
+        values: At its knots, (k,).
+        reached: At which knots the data say something, (k,) bool.
+    """
+    if term.shape != "free":
+        return values
+    return np.interp(term.knots, term.knots[reached], values[reached], period=term.period)
+
+
+def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: str) -> str:
+    """A sentence about a curve that is simple enough for one.
+
+    Args:
+        term: With its coefficients.
+        knots: Its knots in the units that users read.
+        factor: From m or rad to ``unit``.
+        label: Of the knots' axis, with the unit in brackets.
+        unit: Of the curve.
+    """
+    curve, x_unit = term.coefficients * term.unit * factor, label.rsplit("[", 1)[-1].rstrip("]")
+    step, closed = knots[1] - knots[0], term.period is not None
+
+    def at(place: float) -> str:
+        if x_unit == _LOG_SECONDS:
+            return f"{10.0 ** (knots[0] + place * step):.3g} s"
+        return f"{knots[0] + place * step:.4g}{'' if x_unit == '°' else ' '}{x_unit}"
+
+    if term.shape == "waves" and 0 < len(found := orders(curve)) <= _MOST_TOLD:
+        waves = "1 wave" if found == [1] else f"{' and '.join(map(str, found))} waves"
+        return f" The curve has {waves} per {'turn' if is_rotary(term.axis) else 'period'}."
+    if term.shape == "steps" and 0 < len(jumps := changes(curve, closed)) <= _MOST_TOLD:
+        told = " and ".join(f"{size:+.2g}{'' if unit == '°' else ' '}{unit} at {at(place)}" for place, size in jumps)
+        return f" The curve is flat but for {'a step' if len(jumps) == 1 else 'steps'} of {told}."
+    if term.shape == "bends" and not closed and len(found := bends(curve)) <= _MOST_TOLD:
+        told = f", with {'a bend' if len(found) == 1 else 'bends'} at {' and '.join(map(at, found))}" if found else ""
+        return f" The curve is straight{told}."
+    return ""
+
+
+def _stem(axes: tuple[str, ...]) -> str:
+    return f"unexplained_{'_'.join(axes)}"
+
+
+def _seen(term: CurveTerm, hidden: float) -> tuple[np.ndarray, np.ndarray]:
+    """The curve (k,) and its standard deviation without the shapes that set-up errors could take up as well (its
+    level, above all): those with more than ``hidden`` times the usual variance.
+    """
+    information, modes = np.linalg.eigh(term.precision)
+    variance, modes = 1.0 / information[::-1], modes[:, ::-1]
+    along = modes.T @ term.coefficients
+    kept = (variance < hidden * np.median(variance)) | (np.abs(along) > 3.0 * np.sqrt(np.abs(variance)))
+    return modes[:, kept] @ along[kept], np.sqrt(np.clip((modes[:, kept] ** 2) @ variance[kept], 0.0, None))
+
+
+def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndarray:
+    s = problem.samples[k]
+    return s.centre[[int(np.argmax(np.abs(part - part.mean())))]] - problem.shift(k, fit.nuisance)
+
+
+def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray, str, float | None]:
+    """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit: that
+    of the harmonic with more than the share ``harmonic`` of the curve's power, where there is one.
+    """
+    rotary = is_rotary(term.axis)
+    scale, unit = {
+        "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
+        "acceleration": (1 / DEG, "°/s²") if rotary else (1e3, "mm/s²"),
+        "torque": (1.0, "N·m"),
+        "time_since_reversal": (1.0, _LOG_SECONDS),
+        "clock_time": (1.0, "s"),
+    }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
+    label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"
+    if term.moves == RADIAL:
+        label = f"ball's angle about the {term.axis} axis [{unit}]"
+    period = None if term.period is None else term.period * scale
+    if period and term.variable in ("position", "direction"):
+        power = np.abs(np.fft.rfft(term.coefficients)[1 : len(term.knots) // 3]) ** 2
+        if len(power) and power.max() > harmonic * power.sum():
+            period /= int(np.argmax(power)) + 1
+    return term.knots * scale, label, period

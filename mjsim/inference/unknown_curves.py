@@ -1,0 +1,254 @@
+"""Causes that are in no catalogue: a curve of one variable of one axis' motion, with a Gaussian process as its prior.
+
+A cause that nobody listed still depends on something: a position, a velocity, the time since a reversal. Each such
+variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of five:
+smooth, rough, a walk of steps, a stretch of worn teeth, or the lobes of a table that is not round. Its coefficients are
+marginalised, so a curve of many numbers pays for its freedom by itself.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms
+from mjsim.inference.curve_waves import radial_curves
+from mjsim.inference.fit import Fit
+from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.problem import Problem
+from mjsim.inference.whitening import Whitening
+
+#: Logarithm of the prior odds that an axis has a cause that is in no catalogue.
+_LOG_ODDS = -7.0
+#: Prior standard deviations of a curve, in units of 1 µm or 10 µrad.
+WIDTHS = np.geomspace(0.05, 20.0, 8)
+#: Length of a curve's changes over its range where it does not repeat (assumed).
+_LENGTH = 0.3
+#: Corner and exponent of the spectra of curves that repeat: smooth, rough (assumed).
+_CLOSED = {"smooth": (2.0, 2.5), "rough": (8.0, 1.0)}
+#: Lengths over which a worn stretch of a wheel may change, rad (assumed: a few teeth, a part of the wheel).
+_STRETCHES = (math.radians(10.0), math.radians(30.0))
+#: Lobes that a table which is not round may have (assumed: what is turned or clamped is oval or has a few lobes).
+_LOBES = range(1, 9)
+#: Share of the largest variance below which a direction of a prior is left out.
+_SMALL = 2e-3
+#: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
+#: sharper than the others.
+_REFINED, FINER, LONGEST = 2, (2, 4, 8), 300
+#: Curves that compete beside the model, the best of all.
+_MOST = 6
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve of an unknown cause with its prior.
+
+    Attributes:
+        term: What it is a curve of.
+        prior: ``smooth``, ``rough``, ``steps``, ``teeth`` or ``lobes``.
+        root: From normal coefficients of variance one to values at the knots, (knots, k).
+        columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
+        log_odds: Logarithm of its prior odds.
+        width: Prior standard deviation where it is in the model; 0 where it is not.
+    """
+
+    term: CurveTerm
+    prior: str
+    root: np.ndarray
+    columns: np.ndarray
+    log_odds: float
+    width: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """What it is called among the hypotheses."""
+        return self.called(self.term)
+
+    @staticmethod
+    def called(term: CurveTerm) -> str:
+        """What a curve of such a term is called."""
+        period = f" / {term.period:.3g}" if term.period else ""
+        return f"curve {term.axis or 'clock'} > {term.moves} {term.variable}{period}"
+
+    def is_like(self, other: Curve) -> bool:
+        """Whether both have the same term, prior and knots."""
+        return (self.name, self.prior, self.root.shape) == (other.name, other.prior, other.root.shape)
+
+    @property
+    def present(self) -> bool:
+        """Whether it is in the model."""
+        return self.width > 0.0
+
+    @property
+    def widths(self) -> np.ndarray:
+        """Prior standard deviations that are tried."""
+        return WIDTHS
+
+    def at(self, width: float) -> Curve:
+        """The same in the model with this prior standard deviation."""
+        return replace(self, width=width)
+
+
+def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
+    """The priors of a curve and their roots (knots, k), each of variance about one."""
+    k = len(term.knots)
+    if term.period:
+        n, apart = np.arange(k // 2 + 1), (np.arange(k)[:, None] - np.arange(k)) % k
+        for name, (corner, exponent) in _CLOSED.items():
+            spectrum = (1.0 + (n / corner) ** 2) ** -exponent
+            at = (spectrum[:, None] * np.cos(2.0 * np.pi * n[:, None] * np.arange(k) / k)).sum(axis=0)
+            yield name, _root(at[apart] / spectrum.sum())
+    else:
+        apart = np.abs(np.arange(k)[:, None] - np.arange(k)) / (k - 1.0)
+        yield "smooth", _root(np.exp(-0.5 * (apart / _LENGTH) ** 2))
+        yield "rough", _root(np.exp(-apart / _LENGTH))
+
+
+def steps_of(term: CurveTerm) -> np.ndarray:
+    """Root of the prior of a walk of steps, one at each knot, whose variance is about one, (knots, knots)."""
+    k = len(term.knots)
+    walk = np.tril(np.ones((k, k)))
+    return (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k)
+
+
+def lobes_of(term: CurveTerm, lobes: int) -> np.ndarray:
+    """Root of the prior of a wave with so many periods in one turn, of any phase, (knots, 2)."""
+    angle = 2.0 * np.pi * lobes * np.arange(len(term.knots)) / len(term.knots)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def teeth_of(term: CurveTerm, teeth: float, stretch: float) -> np.ndarray:
+    """Root of the prior of a stretch of worn teeth: waves of the tooth's period whose size changes from place to place,
+    (knots, k).
+
+    Args:
+        term: A fine curve of the axis' position.
+        teeth: Of the wheel.
+        stretch: Length over which the size changes, rad.
+    """
+    apart = np.abs(term.knots[:, None] - term.knots)
+    if term.period:
+        apart = np.minimum(apart, term.period - apart)
+    return _root(np.exp(-0.5 * (apart / stretch) ** 2) * np.cos(teeth * apart))
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(covariance)
+    kept = values > _SMALL * values[-1]
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float, Curve]]:
+    """Curves of largest evidence beside a model, the best first, each with the prior that explains most: log posterior
+    odds and curve.
+
+    Args:
+        problem: The measured tests with the whitening of the model but for curves that are to compete.
+        fit: The model, whitened by ``problem``.
+        plain: The same tests whitened by the campaign's noise alone.
+    """
+    terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
+    out: dict[str, tuple[float, CurveTerm, str, np.ndarray, float]] = {}
+
+    def compete(term: CurveTerm, known: tuple[np.ndarray, np.ndarray], prior: str, root: np.ndarray, odds: float):
+        """Keep a curve where it is the best of its name."""
+        evidence, name = _evidence(*known, root) + odds, Curve.called(term)
+        if evidence > out.get(name, (0.0,))[0]:
+            out[name] = evidence, term, prior, root, odds
+
+    rough: list[tuple[float, CurveTerm]] = []
+    tried: dict[str, int] = {}
+    for term in itertools.chain(terms.own(), terms.clock(False), terms.across(), radial_curves(terms)):
+        if term.variable == "time_since_reversal" and term.moves != term.axis:
+            continue  # in one swing it is nearly the direction of motion
+        tried[term.axis] = tried.get(term.axis, 0) + 1
+        both = np.hstack([root for _, root in priors_of(term)])
+        values, vectors = np.linalg.eigh(0.5 * both @ both.T)
+        kept = values > 10.0 * _SMALL * values[-1]
+        rough.append((_evidence(*linear.of(term), vectors[:, kept] * np.sqrt(values[kept])), term))
+    rough.sort(key=lambda row: -row[0])
+    for place, (_, coarse) in enumerate(rough[:_MOST]):
+        odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
+        finer = [t for n in FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
+        for term in (coarse, *(t for t in finer if len(t.knots) <= LONGEST)):
+            known = linear.of(term)
+            for prior, root in (*priors_of(term), ("steps", steps_of(term))):
+                compete(term, known, prior, root, odds)
+            for lobes in _LOBES if term.moves == RADIAL else ():
+                compete(term, known, "lobes", lobes_of(term, lobes), odds - math.log(len(_LOBES)))
+    for axis in (a for a in plain.chain.rotary if a in tried):
+        odds = _LOG_ODDS - math.log(3 * tried[axis])
+        for term in terms.fine(axis):
+            known = linear.of(term)
+            for stretch in _STRETCHES:
+                compete(term, known, "teeth", teeth_of(term, fit.base.drives[axis].gear, stretch), odds)
+    return [
+        (found, Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds))
+        for found, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
+    ]
+
+
+class _BesideModel:
+    """The linear problem of a curve's values at its knots beside a fitted model.
+
+    A block lies between two knots, so the columns of a curve are sparse. What is whitened twice stands for the inverse
+    covariance of the errors: with it the columns need not be whitened themselves.
+
+    Args:
+        problem: The measured tests with the whitening of the model.
+        fit: The model, whitened by ``problem``.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.problem, self.fit, design = problem, fit, fit.design
+        whitening = problem.whitening or Whitening(np.ones(len(problem.tests)))
+        blocks = zip(problem.rows, design.blocks, strict=True)
+        columns = [np.column_stack([own, design.rest[at], fit.residual[at]]) for at, (_, own) in blocks]
+        if whitening.shared:  # then the nuisances of all tests are in the columns of each
+            both = whitening.of_all(np.vstack(columns))
+            columns = [both[at] for at in problem.rows]
+        self._factor, shared = whitening.factor, whitening.shrunk_together(problem.count)
+        self._twice: list[np.ndarray] = []
+        self._basis: list[np.ndarray] = []
+        self._shared: list[np.ndarray] = []
+        for k, at in enumerate(problem.rows):
+            back = problem.filters[k].T
+            self._twice.append(back @ whitening.of_test(k, columns[k]))
+            self._basis.append(back @ whitening.shrunk(k, len(columns[k])))
+            self._shared.append(back @ whitening.of_test(k, shared[at]))
+
+    def of(self, term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
+        """Information (knots, knots) and score (knots,) that the data hold about a curve once the model has taken up
+        what it can.
+        """
+        m, design, n = len(term.knots), self.fit.design, self.fit.design.nuisances
+        own, cross, score = np.zeros((m, m)), np.zeros((design.shape[1], m)), np.zeros(m)
+        together = np.zeros((m, self._shared[0].shape[1]))
+        for k, (places, block) in enumerate(design.blocks):
+            hats = term.columns.sparse(k)
+            white, along = self.problem.filters[k] @ hats, hats.T @ self._basis[k]
+            own += csr_array(white.T @ white).toarray() / self._factor[k] ** 2 - along @ along.T
+            together += hats.T @ self._shared[k]
+            products = (hats.T @ self._twice[k]).T
+            cross[places] += products[: block.shape[1]]
+            cross[n:] += products[block.shape[1] : -1]
+            score += products[-1]
+        own -= together @ together.T
+        return self.fit.linear.left_over(own, cross), score - cross.T @ self.fit.step
+
+
+def _evidence(information: np.ndarray, score: np.ndarray, root: np.ndarray) -> float:
+    """Log evidence of a curve beside a model, averaged over its widths.
+
+    Args:
+        information: About its values at the knots, (knots, knots).
+        score: Likewise, (knots,).
+        root: Of its prior, (knots, k).
+    """
+    own = Columns("curve", np.arange(root.shape[1]), 0.0, WIDTHS)
+    return float(LinearEvidence(root.T @ information @ root, root.T @ score, [own]).odds({})[0][0])
