@@ -151,8 +151,10 @@ def test_other_models_widen_what_is_known():
     """A number that is 1 or 3 with the same probability has the variance of its model and 1."""
     one = Parameters((Block.normal("a", ["x"]), Block.normal("only here", ["y"])))
     other = Parameters((Block.normal("a", ["x"]),))
-    fit = SimpleNamespace(parameters=one, vector=np.array([1.0, 5.0]), considered={})
-    rival = SimpleNamespace(fit=SimpleNamespace(parameters=other, vector=np.array([3.0])), evidence=-7.0)
+    fit = SimpleNamespace(parameters=one, vector=np.array([1.0, 5.0]), considered={}, effects=())
+    rival = SimpleNamespace(
+        fit=SimpleNamespace(parameters=other, vector=np.array([3.0]), effects=()), evidence=-7.0
+    )
     moves = moves_of_models(fit, {"cause": [("another", rival)]}, -7.0)
     assert moves @ moves.T == pytest.approx(np.diag([1.0, 0.0]))
     rival.evidence = -70.0

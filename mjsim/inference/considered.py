@@ -173,26 +173,36 @@ def moves_of_models(
     """How the vector of a fit moves with models that have something else in the place of a finding, (p, k): the sum of
     the columns' squares is the covariance of the mixture around its mean.
 
-    A finding has no number in a model without it: how sure it is, is what its probability says.
+    A finding has no number in a model without it: how sure it is, is what its probability says. A model may also have
+    the same effect from another seed: with a Stribeck peak and without one, friction has two numbers.
 
     Args:
         fit: The model.
         rivals_of: The others and the ids of what they have instead, by the finding's key.
         evidence: Log evidence of the model.
     """
-    here = {b.name: b for b in fit.parameters.blocks}
     columns = [np.zeros((fit.parameters.size, 0))]
     for rivals in rivals_of.values():
         logs = np.array([0.0, *(m.evidence - evidence for _, m in rivals)])
         share = np.exp(logs - np.logaddexp.reduce(logs))
         moves = np.zeros((len(logs), fit.parameters.size))
-        for move, (_, m) in zip(moves[1:], rivals, strict=True):
-            for block in m.fit.parameters.blocks:
-                if block.name in here and here[block.name].labels == block.labels:
-                    own = fit.parameters[block.name]
-                    move[own] = m.fit.vector[m.fit.parameters[block.name]] - fit.vector[own]
+        moves[1:] = [move_to(fit, m.fit) for _, m in rivals]
         kept = (share > _LEAST) | (np.arange(len(share)) == 0)
         moves, share = moves[kept], share[kept] / share[kept].sum()
         columns.append((moves - share @ moves).T * np.sqrt(share))
     found = np.hstack(columns)
     return found[:, np.abs(found).max(axis=0, initial=0.0) > 0.0]
+
+
+def move_to(fit: Fit, other: Fit) -> np.ndarray:
+    """How the vector of a fit moves to the values of another one of the same data, (p,); zero where that has none."""
+    theirs = {f.effect.key: f.effect for f in other.effects}
+    values = other.parameters.split(other.vector)
+    for f in fit.effects:
+        if f.effect.key in theirs:
+            values[f.block.name] = f.with_effect(theirs[f.effect.key]).vector
+    out = np.zeros(fit.parameters.size)
+    for name, own in fit.parameters.split(fit.vector).items():
+        if len(values.get(name, ())) == len(own):
+            out[fit.parameters[name]] = values[name] - own
+    return out

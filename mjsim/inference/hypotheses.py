@@ -147,6 +147,17 @@ def _is_given(f: EffectVector, wave: int | None, machine: Machine) -> bool:
     return f.effect.values["components"][wave][0] in [row[0] for row in present.values["components"]]
 
 
+def nearest_seed(f: EffectVector, candidates: Sequence[Candidate]) -> Candidate | None:
+    """The seed whose shape is nearest to that of a fitted effect: where its fit began, or might have."""
+    shape = np.setdiff1d(np.arange(len(f.vector)), f.linear)
+    same = [c for c in candidates if c.effect.key == f.effect.key and c.names == f.names]
+    return min(
+        (c for c in same if not c.at_another_order(f.effect)),
+        key=lambda c: float(np.linalg.norm((f.with_effect(c.effect).vector - f.vector)[shape])),
+        default=None,
+    )
+
+
 def entries_of(f: EffectVector) -> list[tuple[int | None, np.ndarray]]:
     """Leading entries of an effect, wave by wave: which wave, and the places in its vector."""
     if f.effect.kind == "pitch_error":
@@ -199,10 +210,13 @@ class Hypotheses:
         inside, released, beyond = self._of_model(count)
         rows = [(h, width + at) for h, at in beyond]  # columns of the model stand behind those of the catalogue
         self.released = replace(fit, effects=tuple(released))
-        have = {f.effect.key: f.effect for f in fit.effects}
+        have = {f.effect.key: f for f in fit.effects}
+        # other seeds of a cause of the model may explain the data as well
+        nearest = {f.effect.key: nearest_seed(f, bank.candidates) for f in fit.effects}
         for c, at in zip(bank.candidates, bank.slices, strict=True):
             mine = have.get(c.effect.key)
-            if at.stop > at.start and (mine is None or c.at_another_order(mine)):
+            is_new = mine is None or c.at_another_order(mine.effect)
+            if at.stop > at.start and (is_new or not (c.effect.key in expected or c is nearest[c.effect.key])):
                 odds = prior_log_odds(c.effect, count[c.effect.id])
                 rows.append((_of_candidate(c, odds), np.arange(at.start, at.stop)))
         products = products.extended(design[0])

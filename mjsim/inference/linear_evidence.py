@@ -197,8 +197,8 @@ class LinearEvidence:
         return chosen
 
     def rivals(self, chosen: Chosen, h: int, within: float, share: float) -> list[tuple[float, int, float]]:
-        """What could stand in the place of one member: log odds, place and width of the best hypothesis of each other
-        name that comes near it, the likeliest first.
+        """What could stand in the place of one member: log odds, place and width of the best hypothesis of each name that
+        comes near it, the likeliest first. Another seed of the same effect is one of them.
 
         Args:
             chosen: The set.
@@ -212,7 +212,8 @@ class LinearEvidence:
             if odds[g] < max(odds[h] - max(within, share * odds[h]), 0.0):
                 break
             name = self.hypotheses[g].name
-            if name != self.hypotheses[h].name and name not in out:
+            is_other = g != h and not (name == self.hypotheses[h].name and self.hypotheses[h].several)
+            if is_other and name not in out:
                 out[name] = float(odds[g]), int(g), float(width[g])
         return list(out.values())
 

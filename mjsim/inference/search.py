@@ -211,6 +211,20 @@ def with_curves(problem: D, curves: Sequence[Curve]) -> D:
     return problem.whitened_by(problem.whitening.beside(columns))
 
 
+def is_near(fit: Fit, other: Fit, key: str) -> bool:
+    """Whether two fits of the same data have the same values of an effect, within its uncertainty.
+
+    Args:
+        fit: A finished one.
+        other: Likewise.
+        key: Of the effect.
+    """
+    f = next(f for f in fit.effects if f.effect.key == key)
+    theirs = next(f for f in other.effects if f.effect.key == key)
+    off = f.with_effect(theirs.effect).vector - f.vector
+    return float(off @ np.linalg.solve(fit.covariance_of(f), off)) < len(off)
+
+
 class WithEvidence(Protocol):
     """What the log evidence judges."""
 
@@ -522,6 +536,8 @@ class Search(Ascent[Model[D]]):
                 trial = self._fitted(model, (hypotheses, {**rest, g: rivals.get(g, 1.0)}, 0))
                 if g not in rivals:
                     trial = replace(trial, evidence=trial.evidence - _UNLIKELY)
+                if hypotheses.all[g].name == mine.name and is_near(model.fit, trial.fit, mine.name):
+                    continue  # another seed has led to the same place
                 if g in rivals or (trial.fit.effects[-1].vector > trial.fit.effects[-1].neutral).all():
                     out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))
         return out
