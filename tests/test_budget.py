@@ -13,11 +13,11 @@ from mjsim.cli.compare import show_conformity
 from mjsim.effects.registry import kinds
 from mjsim.inference.at_rest import RestFitter, RestProblem, split_at_rest
 from mjsim.inference.budget import Budget, budgets, split_of_bars, split_rows
-from mjsim.inference.conformity import beyond
 from mjsim.inference.considered import harmonics, moves_of_models, with_instrument
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fitter
 from mjsim.inference.parameters import Block, Parameters
+from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
 from mjsim.inference.whitening import Whitening, shrinkage
 from mjsim.instruments.ball_bar.measurement import BallBarData, Trace
@@ -152,9 +152,7 @@ def test_other_models_widen_what_is_known():
     one = Parameters((Block.normal("a", ["x"]), Block.normal("only here", ["y"])))
     other = Parameters((Block.normal("a", ["x"]),))
     fit = SimpleNamespace(parameters=one, vector=np.array([1.0, 5.0]), considered={}, effects=())
-    rival = SimpleNamespace(
-        fit=SimpleNamespace(parameters=other, vector=np.array([3.0]), effects=()), evidence=-7.0
-    )
+    rival = SimpleNamespace(fit=SimpleNamespace(parameters=other, vector=np.array([3.0]), effects=()), evidence=-7.0)
     moves = moves_of_models(fit, {"cause": [("another", rival)]}, -7.0)
     assert moves @ moves.T == pytest.approx(np.diag([1.0, 0.0]))
     rival.evidence = -70.0

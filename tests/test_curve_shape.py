@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mjsim.inference.curve_fit import Together
-from mjsim.inference.curve_shape import bends, changes, free_shape, orders, simplest_shape
+from mjsim.inference.curve_fit import Together, bends, changes, free_shape, orders, simplest_shape
 from mjsim.inference.curve_terms import CurveTerm, hats
 from mjsim.inference.least_squares import LeastSquares
 from mjsim.inference.parameters import Block, Parameters

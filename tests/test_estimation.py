@@ -342,10 +342,9 @@ def two_cones():
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""
     from mjsim.effects.registry import load_file
-    from mjsim.inference.curve_terms import CurveTerms
-    from mjsim.inference.curve_waves import radial_curves
-    from mjsim.inference.effect_file import effect_source
+    from mjsim.inference.curve_terms import CurveTerms, radial_curves
     from mjsim.inference.fit import Fitter
+    from mjsim.inference.unexplained import effect_source
 
     machine, problem = two_cones()
     fit = Fitter(problem, machine).fit([])
@@ -369,8 +368,7 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
 
 def test_an_oval_table_is_one_wave_along_the_radius():
     """Two waves per turn are explained best by two waves per turn, not by a curve of any shape."""
-    from mjsim.inference.curve_terms import RADIAL, CurveTerms
-    from mjsim.inference.curve_waves import radial_curves
+    from mjsim.inference.curve_terms import RADIAL, CurveTerms, radial_curves
     from mjsim.inference.fit import Fitter
     from mjsim.inference.unknown_curves import best_curves
 
@@ -391,7 +389,7 @@ def test_one_machine_may_have_several_unknown_causes(tmp_path):
     """Effect files of different axes, motions and variables are effects of different kinds."""
     from mjsim.effects.registry import load_file
     from mjsim.inference.curve_terms import CurveTerm
-    from mjsim.inference.effect_file import effect_source
+    from mjsim.inference.unexplained import effect_source
 
     kinds = set()
     terms = (("C", "C", "position"), ("X", "X", "position"), ("C", "Z", "position"), ("C", "C", "velocity"))
@@ -415,7 +413,7 @@ def test_one_machine_may_have_several_unknown_causes(tmp_path):
 )
 def test_a_straight_end_of_a_curve_goes_on_beyond_what_was_measured(shape, variable, slopes, beyond, tmp_path):
     from mjsim.inference.curve_terms import CurveTerm
-    from mjsim.inference.effect_file import effect_source
+    from mjsim.inference.unexplained import effect_source
 
     knots, curve = np.array([-1.0, 0.0, 1.0]), np.array([-slopes[0], 0.0, slopes[1]])
     term = CurveTerm("X", "Y", variable, knots, None, [], coefficients=curve, shape=shape)
@@ -433,7 +431,7 @@ def test_a_straight_end_of_a_curve_goes_on_beyond_what_was_measured(shape, varia
 
 def test_a_short_bend_at_the_end_of_a_curve_does_not_go_on():
     from mjsim.inference.curve_terms import CurveTerm
-    from mjsim.inference.effect_file import _continued
+    from mjsim.inference.unexplained import _continued
 
     knots, curve = np.linspace(-1.0, 1.0, 21), np.zeros(21)
     curve[-2:] = 1.0, 2.0

@@ -17,8 +17,7 @@ from mjsim.commands.calibrate import fit_within_tolerance
 from mjsim.inference.fit import Fitter
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.nuisance import TRIGGERS
-from mjsim.inference.nuisance_fit import fit_nuisance
-from mjsim.inference.retiming import better_triggers, retimed
+from mjsim.inference.nuisance_fit import better_triggers, fit_nuisance
 from mjsim.machine.chain import chain_of
 from mjsim.machine.model import build
 
@@ -118,16 +117,16 @@ def test_triggers_leave_a_false_minimum(folders):
     machine = replace(read_machine(campaign.machine_file), tolerance=wide)
     fitter = Fitter(checked_problem(campaign, build(machine), 1), machine)
     fit, at = fit_within_tolerance(fitter), fitter.problem.nuisances[TRIGGERS]
-    assert retimed(fitter.problem, fit) is None
+    assert better_triggers(fitter.problem, fit.readings, fit.nuisance) is None
     moved = fit.nuisance.copy()
     moved[at] += [0.0, -3.0, 0.0]
-    back = retimed(fitter.problem, replace(fit, nuisance=moved))
+    back = better_triggers(fitter.problem, fit.readings, moved)
     assert back is not None
-    np.testing.assert_allclose(back.nuisance[at], fit.nuisance[at], rtol=0, atol=0.3)
+    np.testing.assert_allclose(back[at], fit.nuisance[at], rtol=0, atol=0.3)
     # where many tests are not met, the model is wrong and no trigger
     assert better_triggers(fitter.problem, fit.readings, moved, 0.2) is None
     begin = better_triggers(fitter.problem, fit.readings, moved, 0.7)
     assert begin is not None
-    np.testing.assert_allclose(begin, back.nuisance, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(begin, back, rtol=0, atol=1e-12)
     again, alone = (fit_nuisance(fitter.problem, list(fit.readings), begin=x) for x in (begin, None))
     np.testing.assert_allclose(again, alone, rtol=0, atol=0.01)

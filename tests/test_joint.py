@@ -21,10 +21,9 @@ from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.axis_logs.shared import shared_entries
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.effect_vector import EffectVector
-from mjsim.inference.posterior import Posterior
+from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.io.resources import examples
 
 INSTRUMENTS = (

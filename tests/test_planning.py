@@ -13,7 +13,7 @@ from mjsim.effects.registry import make
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import usual_noise
 from mjsim.inference.planning.candidates import first_round, neighbours, reachable
-from mjsim.inference.planning.choose import worth
+from mjsim.inference.planning.next_test import worth
 from mjsim.inference.planning.separation import Explanation, Separation, Separator
 from mjsim.inference.settings import PLAN
 from mjsim.instruments.ball_bar.files import test_table

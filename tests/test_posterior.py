@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import ncx2
 
-from mjsim.inference.conformity import beyond
 from mjsim.inference.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.posterior import beyond
 from mjsim.inference.samples import revolution_time
 from mjsim.inference.whitening import Whitening
 from mjsim.instruments.ball_bar.measurement import BallBarTest

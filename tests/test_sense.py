@@ -24,7 +24,7 @@ from mjsim.compensation.terms import wanted_of
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log
-from mjsim.inference.effect_file import _chain_text
+from mjsim.inference.unexplained import _chain_text
 from mjsim.instruments.ball_bar.kinds import KINDS, able_kinds, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program, driven_by

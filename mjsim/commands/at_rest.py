@@ -23,10 +23,9 @@ from mjsim.commands.ball_bar.compare import compare_bars
 from mjsim.commands.diagnosis import AtRest, Diagnosis
 from mjsim.commands.finding import findings_of, ladder_of
 from mjsim.inference.at_rest import ExplainedAtRest, RestProblem, explain_at_rest
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.findings import Verdicts
 from mjsim.inference.outcome import verdict_of
-from mjsim.inference.posterior import Posterior
+from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS

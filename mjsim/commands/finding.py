@@ -9,8 +9,8 @@ from typing import Any
 
 from mjsim.commands.comparison import significant
 from mjsim.inference.axis_logs.together import KnownTogether
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.outcome import Selection
+from mjsim.inference.posterior import CompetingModel
 from mjsim.inference.search import LEAST
 from mjsim.inference.shares import Calibration
 from mjsim.instruments.axis_log.measurement import LogTest

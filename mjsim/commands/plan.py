@@ -22,12 +22,10 @@ from mjsim.inference.axis_logs.search import AxisSearch
 from mjsim.inference.axis_logs.separability import inseparable
 from mjsim.inference.axis_logs.shared import MOTOR_SIDE
 from mjsim.inference.axis_logs.start import start_model
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.planning.at_rest import PlannedTest
-from mjsim.inference.planning.choose import worth
-from mjsim.inference.planning.next_test import NOTHING, Plan
+from mjsim.inference.planning.next_test import NOTHING, Plan, worth
 from mjsim.inference.planning.separation import competing_of
-from mjsim.inference.posterior import Posterior
+from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.settings import DIAGNOSIS, PLAN, DiagnosisSettings, PlanSettings
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.base import INSTRUMENTS

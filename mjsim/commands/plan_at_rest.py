@@ -17,12 +17,11 @@ from mjsim.commands.plan_positions import plan_points
 from mjsim.errors import InputError
 from mjsim.inference.at_rest import RestFitter, RestProblem
 from mjsim.inference.calibration import expected_effects
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.fit import Fit
 from mjsim.inference.planning.at_rest import Open, PlannedTest, RestPlanner
 from mjsim.inference.planning.next_test import NOTHING, typical
 from mjsim.inference.planning.whole_campaign import CampaignPlanner, minutes_of, possible_tests
-from mjsim.inference.posterior import Posterior
+from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.settings import PLAN, PlanSettings
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest

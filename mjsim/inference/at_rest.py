@@ -38,7 +38,7 @@ from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, entries_of
 from mjsim.inference.least_squares import LeastSquares
 from mjsim.inference.nuisance import Nuisances
-from mjsim.inference.outcome import Found as FoundEffect
+from mjsim.inference.outcome import FoundEffect
 from mjsim.inference.parameters import Block
 from mjsim.inference.posterior import Posterior
 from mjsim.inference.search import Found, Model, Search

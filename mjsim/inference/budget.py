@@ -21,13 +21,13 @@ import numpy as np
 
 from mjsim.digits import fixed
 from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated
-from mjsim.inference.conformity import beyond
 from mjsim.inference.considered import CHOICE, INSTRUMENT, TEMPERATURE
 from mjsim.inference.data_sheet import DATA_SHEET
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import name_of
 from mjsim.inference.nuisance import BAR_LENGTH, NEST
+from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
 from mjsim.inference.whitening import Whitening
 from mjsim.machine.chain import is_rotary

@@ -1,7 +1,9 @@
 """Generic terms: a free curve of one variable of one axis, displacing that axis, another one, or the table.
 
 They stand for causes that nobody listed. Displacements of other axes are included because machines do that: a slide's
-acceleration yaws its neighbour, a float of the table lifts the work.
+acceleration yaws its neighbour, a float of the table lifts the work. A table that is not round pushes what it carries
+along the radius on which it stands, as it passes the same place of the machine: a curve of the axis' position, to which
+the angle of the ball about the axis adds.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from mjsim.inference.samples import GRID, GRID_STEPS
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import build
 from mjsim.machine.motion import Motion
+from mjsim.machine.radius import radius_of
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.units import UM
 
@@ -56,6 +59,8 @@ RADIAL = "table radial"
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
 #: Variables whose curves count with the direction of motion.
 SIGNED = ("direction", "time_since_reversal")
+#: Knots of the curve, rad.
+_KNOTS = np.arange(72) * (2.0 * np.pi / 72)
 
 
 def unit_of(moves: str) -> float:
@@ -73,7 +78,7 @@ class CurveTerm:
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
         gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. shape: what
-            the coefficients follow, as in :mod:`mjsim.inference.curve_shape`.
+            the coefficients follow, as in :mod:`mjsim.inference.curve_fit`.
     """
 
     axis: str
@@ -266,3 +271,19 @@ def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> csr_array:
     after = (i + 1) % n if period else np.minimum(i + 1, n - 1)
     places = np.column_stack([i % n, after]).ravel()
     return csr_array((np.column_stack([1 - f, f]).ravel(), places, np.arange(0, 2 * len(x) + 1, 2)), (len(x), n))
+
+
+def radial_curves(terms: CurveTerms) -> Iterator[CurveTerm]:
+    """A free curve of the work along the ball's radius, where the table on which the ball stands goes round."""
+    for table in terms.chain.turning[:1]:  # the ball stands on the first one
+        turn = terms.loads(table.letter)
+        if max(np.ptp(x) for x in turn) < ROUND:
+            continue
+        places = [radius_of(table, np.asarray(t.table_ball)) for t in terms.problem.tests]
+        weights = [
+            np.column_stack([s[name] for name in TABLE]) @ outwards * unit_of(RADIAL)
+            for s, (_, outwards) in zip(terms.sensitivities, places, strict=True)
+        ]
+        angles = [x + angle for x, (angle, _) in zip(turn, places, strict=True)]
+        columns = HatColumns(angles, weights, _KNOTS, 2.0 * np.pi)
+        yield CurveTerm(table.letter, RADIAL, "position", _KNOTS, 2.0 * np.pi, columns)

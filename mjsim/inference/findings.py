@@ -24,16 +24,14 @@ from mjsim.inference.bar_search import BarSearch
 from mjsim.inference.budget import Budget, budgets, split_of_bars
 from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated
 from mjsim.inference.combinations import Combination, combinations
-from mjsim.inference.conformity import beyond
 from mjsim.inference.considered import with_choice, with_instrument
-from mjsim.inference.curve_fit import Together, fit_beside_simple
-from mjsim.inference.curve_shape import simplest_shape
+from mjsim.inference.curve_fit import Together, fit_beside_simple, simplest_shape
 from mjsim.inference.curve_terms import CurveTerm, CurveTerms
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.hypotheses import entries_of, log_odds_of, name_of
-from mjsim.inference.outcome import Found as FoundEffect
-from mjsim.inference.outcome import Selection, verdict_of
+from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
+from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import TOLD, D, Found, Model, Search, names_to_tell, with_curves
 from mjsim.inference.shares import Calibration, calibrations, parts_of

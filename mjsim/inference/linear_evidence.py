@@ -197,8 +197,8 @@ class LinearEvidence:
         return chosen
 
     def rivals(self, chosen: Chosen, h: int, within: float, share: float) -> list[tuple[float, int, float]]:
-        """What could stand in the place of one member: log odds, place and width of the best hypothesis of each name that
-        comes near it, the likeliest first. Another seed of the same effect is one of them.
+        """What could stand in the place of one member, the likeliest first: log odds, place and width of the best
+        hypothesis of each name that comes near it. Another seed of the same effect is one of them.
 
         Args:
             chosen: The set.

@@ -16,7 +16,7 @@ from typing import Protocol
 import numpy as np
 
 from mjsim.inference.effect_vector import EffectVector
-from mjsim.inference.kept_changes import KeptChanges
+from mjsim.inference.problem import KeptChanges
 from mjsim.inference.samples import GRID, GRID_STEPS
 from mjsim.machine.effect import Effect
 from mjsim.machine.kinematics import Geometry

@@ -10,7 +10,7 @@ from mjsim.inference.signatures import Bank
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundEffect:
     """One missing effect of the final model.
 
     Attributes:
@@ -49,7 +49,7 @@ class Selection:
 
     start: Fit
     fit: Fit
-    found: list[Found]
+    found: list[FoundEffect]
     bank: Bank
     trail: list[dict] = field(default_factory=list)
 

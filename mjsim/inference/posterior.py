@@ -1,17 +1,50 @@
-"""What a fit leaves uncertain: the effects that it fitted and the covariance of their entries."""
+"""What a fit leaves uncertain: the effects that it fitted and the covariance of their entries, the probability that a
+number lies beyond its limit (JCGM 106), and models that the data cannot tell from each other.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate, chain, pairwise
 
 import numpy as np
+from scipy.special import erfc
 
 from mjsim.inference.data_sheet import DATA_SHEET
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.machine.model import Machine
+
+#: Points of the normal distribution by which sizes of waves are judged.
+_DRAWS = 2000
+
+
+def beyond(off: np.ndarray, covariance: np.ndarray, limit: float) -> float:
+    """Probability that a number, or the size of a wave, is farther than a limit from what is expected.
+
+    Args:
+        off: Departure from what is expected, (1,), or of a wave its cosine and sine, (2,).
+        covariance: Of that, (n, n).
+        limit: Largest departure allowed.
+    """
+    if len(off) == 2:
+        return _radius_beyond(off, covariance, limit)
+    x, sd = float(off[0]), math.sqrt(max(float(covariance[0, 0]), 1e-30))
+    return min(
+        0.5 * float(erfc((limit - x) / sd / math.sqrt(2)) + erfc((limit + x) / sd / math.sqrt(2))),
+        1.0,
+    )
+
+
+def _radius_beyond(centre: np.ndarray, covariance: np.ndarray, limit: float) -> float:
+    """Probability that a point of the plane with this normal distribution is farther than ``limit`` from the origin."""
+    share = (np.arange(_DRAWS) + 0.5) / _DRAWS
+    radius, angle = np.sqrt(-2.0 * np.log(share)), 2.0 * np.pi * np.arange(_DRAWS) * 0.6180339887498949
+    values, vectors = np.linalg.eigh(covariance)
+    points = vectors * np.sqrt(np.maximum(values, 0.0)) @ np.vstack([radius * np.cos(angle), radius * np.sin(angle)])
+    return float(np.mean(np.hypot(*(centre[:, None] + points)) > limit))
 
 
 @dataclass(frozen=True)
@@ -57,3 +90,25 @@ class Posterior:
         kept = [(f, at) for f, at in self.blocks if machine.effect(f.effect.key) is not None]
         effects = (f.with_effect(machine.effect(f.effect.key) or f.effect) for f, _ in kept)
         return Posterior(tuple(effects), self.part([*chain.from_iterable(at for _, at in kept), *self.sheet]))
+
+
+@dataclass(frozen=True)
+class CompetingModel:
+    """One explanation of the ball-bar tests.
+
+    Attributes:
+        effect_id: Id of the effect that it has in the place of another one.
+        machine: With the fitted effects and the calibrated data sheet.
+        posterior: What the tests leave uncertain about it.
+        evidence: Log evidence of the tests with it, prior odds included, but for what all have in common.
+    """
+
+    effect_id: str
+    machine: Machine
+    posterior: Posterior
+    evidence: float
+
+    @classmethod
+    def of(cls, effect_id: str, fit: Fit, evidence: float = 0.0) -> CompetingModel:
+        """From a finished fit."""
+        return cls(effect_id, fit.machine, Posterior.of(fit), evidence)

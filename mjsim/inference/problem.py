@@ -17,7 +17,6 @@ from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_of
 from mjsim.inference.design import Design
-from mjsim.inference.kept_changes import KeptChanges
 from mjsim.inference.noise import Noise, noises_of
 from mjsim.inference.nuisance import TRIGGER, Nuisances, set_up_columns
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, make_samples
@@ -32,6 +31,44 @@ from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.simulation.stability import check_stable
 from mjsim.threads import Workers
+
+#: Positions that differ by less, m or rad, are the same to an effect: a thousandth of a worm's tooth.
+_SAME = 2e-5
+
+
+class KeptChanges:
+    """Changes of the readings by single effects at nearly the same positions of the axes, test by test.
+
+    A fit asks for the same derivatives again and again, and its models move the axes by micrometres.
+    """
+
+    def __init__(self) -> None:
+        self._positions: list[np.ndarray] = []
+        self._changes: list[dict[tuple[str, str], np.ndarray]] = []
+
+    def move_to(self, positions: Sequence[np.ndarray]) -> None:
+        """Forget what was computed at other positions.
+
+        Args:
+            positions: Of the axes, one array (n, columns) a test, m and rad.
+        """
+        if not self._positions:
+            self._positions, self._changes = list(positions), [{} for _ in positions]
+        for k, (before, now) in enumerate(zip(self._positions, positions, strict=True)):
+            if before.shape != now.shape or np.abs(now - before).max() > _SAME:
+                self._positions[k], self._changes[k] = now, {}
+
+    def of(self, k: int, effect: Effect) -> np.ndarray | None:
+        """What ``effect`` alone adds to the reading of test ``k``, (n,) m, where it is kept."""
+        return self._changes[k].get(_key(effect))
+
+    def keep(self, k: int, effect: Effect, change: np.ndarray) -> None:
+        """Keep what ``effect`` alone adds to the reading of test ``k``, (n,) m."""
+        self._changes[k][_key(effect)] = change
+
+
+def _key(effect: Effect) -> tuple[str, str]:
+    return effect.id, repr(effect.values)
 
 
 def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, tuple[Plant, float]]:

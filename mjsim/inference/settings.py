@@ -4,7 +4,7 @@ Gains and penalties are falls of the objective: squared whitened residuals plus 
 twice a log posterior density. A likelihood ratio of e^6 is therefore 12.
 
 Pitch errors and mistakes in a campaign have settings of their own (:mod:`mjsim.inference.pitch.settings`,
-:mod:`mjsim.inference.mistakes.settings`).
+:mod:`mjsim.inference.mistakes.mistakes`).
 
 Four sources of values: *nulls*, measured once on simulated machines without a missing effect; *bank*, chosen on the
 tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half; *mistakes*, the same

@@ -11,9 +11,9 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.least_squares import LeastSquares, ridge_solution
 from mjsim.inference.problem import Problem
+from mjsim.inference.shares import unabsorbed
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, seeds
 from mjsim.inference.spectrum import sides_of, spectral_candidates
-from mjsim.inference.visibility import unabsorbed
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
 

@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms
-from mjsim.inference.curve_waves import radial_curves
+from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms, radial_curves
 from mjsim.inference.fit import Fit
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
 from mjsim.inference.problem import Problem

@@ -1,23 +1,244 @@
 """Vibration: lines of constant frequency in what does not repeat from one revolution to the next.
 
 A vibration's phase is free in every test, so it is a nuisance with a size: it is looked for before everything else, in
-single samples (blocks would average it away, :mod:`mjsim.inference.lines`), and left out of the data while the other
-effects are searched.
+single samples (blocks would average it away), and left out of the data while the other effects are searched. A
+periodogram weighted with the reading's sensitivity to one axis (matched filter) gives frequency and axis; amplitude and
+the phase in every test follow by least squares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
+from scipy.special import gammaincc
 
 from mjsim.effects.vibration import Vibration
-from mjsim.inference.lines import Line, find, phases_of, records_of
 from mjsim.inference.nuisance_fit import fit_nuisance
 from mjsim.inference.problem import Problem
+from mjsim.inference.samples import revolution_time
+from mjsim.inference.settings import DiagnosisSettings
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, build
+from mjsim.units import UM
+
+#: Band that is searched: from here, Hz, to this share of the sample rate; what is slower than SLOW s is taken out
+#: before.
+LOWEST, HIGHEST = 2.0, 0.46
+SLOW = 1.0
+#: Around a peak the true line is looked for, in units of the spectral resolution: a wave whose sensitivity turns with
+#: the bar has side lines one or two turns off, and whole periods per turn leave no difference between turns.
+_AROUND = 7.0
+#: Least mean square of a reading's sensitivity to an axis in which that axis is looked for.
+_SEEN = 0.02
+
+
+@dataclass(frozen=True)
+class Line:
+    """One vibration found.
+
+    Attributes:
+        effect: ``vibration.*`` with its phases. ci95: per parameter, file units. alternatives: ids that do as well.
+        gain: fall of the squared residuals in units of the noise at that frequency.
+    """
+
+    effect: Effect = field(repr=False)
+    ci95: dict
+    alternatives: tuple[str, ...]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Record:
+    """One test's residual in single samples.
+
+    Attributes:
+        name: Of its recording.
+        time: From the program's start, (n,) s.
+        x: (n,) m, with bad samples at 0.
+        weight: Sensitivities to the linear axes, 0 at bad samples, (n, 3).
+        noise: Power per sample over the frequencies of the spectrum of ``x``, m².
+        rate: Samples per second, Hz.
+    """
+
+    name: str
+    time: np.ndarray
+    x: np.ndarray
+    weight: np.ndarray
+    noise: np.ndarray
+    rate: float
+
+    def noise_at(self, frequency: np.ndarray | float) -> np.ndarray:
+        """Noise power per sample at frequencies in Hz, m²."""
+        return np.asarray(np.interp(frequency, np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate), self.noise))
+
+
+def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line | None:
+    """The strongest vibration in the residuals ``rest``, or ``None``.
+
+    It is looked for in half-differences of revolutions, where nothing that belongs to the axes' positions is left, and
+    measured in the residuals themselves.
+    """
+    records = records_of(problem, rest, nuisance, True)
+    if not records:
+        return None
+    chain, settings = problem.chain, problem.settings
+    frequency, chance = _strongest(records)
+    if chance >= settings.vibration_false_alarm:
+        return None
+    line = _line(records_of(problem, rest, nuisance, False), frequency, chain, settings)
+    return line if line and line.effect.si("amplitude_um") > settings.vibration_size * problem.noise.rms else None
+
+
+def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats: bool) -> list[Record]:
+    out = []
+    for k, s in enumerate(problem.samples):
+        shift, dt = problem.shift(k, nuisance), float(np.median(np.diff(s.time)))
+        time, valid = s.time - shift, s.valid
+        weight = np.column_stack(
+            [s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(len(problem.chain.linear))]
+        )
+        x = np.where(valid, rest[k], 0.0)
+        if repeats:
+            if not kind_of(s.test).repeats(s.test):
+                continue
+            lag = round(revolution_time(s.test) / dt)
+            n = len(x) - lag
+            valid = valid[:n] & valid[lag:]
+            x, time, weight = np.where(valid, 0.5 * (x[lag:] - x[:n]), 0.0), time[:n], weight[:n]
+        if valid.sum() < 400:
+            continue
+        x = np.where(valid, x - _slow(x, dt), 0.0)
+        power = np.abs(np.fft.rfft(x)) ** 2 / valid.sum()
+        width = max(5, round(1.5 * len(x) * dt)) | 1
+        floor = median_filter(power, size=width, mode="nearest") / np.log(
+            2.0
+        )  # the median of an exponential is ln 2 of its mean
+        out.append(
+            Record(s.test.recording, time, x, np.where(valid[:, None], weight, 0.0), np.maximum(floor, 1e-18), 1.0 / dt)
+        )
+    return out
+
+
+def _slow(x: np.ndarray, dt: float) -> np.ndarray:
+    """What changes in more than ``SLOW`` s. The window's side lobes are below 0.2 %, so it takes nothing off a
+    vibration: a plain mean over 1 s takes up to 0.5 % off it, or adds that much.
+    """
+    window = np.blackman(max(5, round(3.0 * SLOW / dt)) | 1)
+    return np.convolve(x, window / window.sum(), mode="same")
+
+
+def _strongest(records: list[Record]) -> tuple[float, float]:
+    """Frequency and chance of the strongest line over all tests and axes.
+
+    Each test's power over its noise is an exponential deviate, their sum a gamma one.
+    """
+    size = 2 ** int(np.ceil(np.log2(2 * max(len(r.x) for r in records))))
+    rate = max(r.rate for r in records)
+    f = np.fft.rfftfreq(size, 1.0 / rate)
+    band = (f > LOWEST) & (f < HIGHEST * rate)
+    best = (0.0, 1.0)
+    axes = records[0].weight.shape[1]
+    for i in range(axes):
+        total, tests = np.zeros(len(f)), 0
+        for r in records:
+            if not _shows(r, i):
+                continue
+            own = float(r.weight[:, i] @ r.weight[:, i])
+            mine = f if r.rate == rate else np.fft.rfftfreq(size, 1.0 / r.rate)
+            power = np.abs(np.fft.rfft(r.x * r.weight[:, i], size)) ** 2 / (r.noise_at(mine) * own)
+            if mine is not f:  # traces of one campaign may differ in their rate
+                power = np.interp(f, mine, np.where(mine < HIGHEST * r.rate, power, 0.0), right=0.0)
+            total += power
+            tests += 1
+        if not tests:
+            continue
+        total = np.where(band, total, 0.0)
+        at = int(np.argmax(total))
+        chance = float(gammaincc(tests, total[at]) * band.sum() * axes)
+        if chance < best[1]:
+            best = (float(f[at]), chance)
+    return best
+
+
+def _shows(r: Record, i: int) -> bool:
+    """Whether a test sees an axis: otherwise the noise looks like a large wave of it."""
+    return float(r.weight[:, i] @ r.weight[:, i]) >= _SEEN * len(r.x)
+
+
+def amplitude_of(r: Record, frequency: float, i: int) -> tuple[complex, float]:
+    """Complex amplitude c (a vibration |c| sin(ωt + arg c)) of one test by least squares, and its information, 1/m²."""
+    w = r.weight[:, i]
+    turn = 2.0 * np.pi * frequency * r.time
+    columns = np.column_stack([w * np.sin(turn), w * np.cos(turn)])
+    normal = columns.T @ columns
+    scale = np.trace(normal)
+    if scale < 1e-9:
+        return 0j, 0.0
+    c = np.linalg.solve(normal + np.eye(2) * 1e-9 * scale, columns.T @ r.x)
+    return complex(c[0], c[1]), 0.5 * scale / float(r.noise_at(frequency))
+
+
+def phases_of(records: list[Record], frequency: float, i: int) -> dict[str, float]:
+    """Phase of a wave of the ``i``-th axis in every recording, rad by name: readings of one share it."""
+    sums: dict[str, complex] = {}
+    for r in records:
+        wave, information = amplitude_of(r, frequency, i)
+        sums[r.name] = sums.get(r.name, 0j) + information * wave
+    return {name: float(np.angle(wave)) for name, wave in sums.items()}
+
+
+def _common(records: list[Record], frequency: float, i: int) -> tuple[float, float, float]:
+    """Gain with one amplitude for all tests, that amplitude (m), and the gain with an amplitude for each."""
+    pairs = [amplitude_of(r, frequency, i) for r in records]
+    info = sum(v for _, v in pairs)
+    if info == 0.0:
+        return 0.0, 0.0, 0.0
+    a = sum(v * abs(c) for c, v in pairs) / info
+    return a * a * info, a, sum(v * abs(c) ** 2 for c, v in pairs)
+
+
+def _line(records: list[Record], frequency: float, chain: Chain, settings: DiagnosisSettings) -> Line | None:
+    """The line near ``frequency`` at its best axis; ``None`` where the tests do not agree on one amplitude."""
+    seen = [i for i in range(len(chain.linear)) if any(_shows(r, i) for r in records)]
+    fits = {i: _refined(records, frequency, i) for i in seen}
+    best = max(fits, key=lambda i: fits[i][1])
+    f, gain, amplitude, free = fits[best]
+    if gain < settings.vibration_common * free or amplitude == 0.0:
+        return None
+    info = np.array([amplitude_of(r, f, best)[1] for r in records])
+    spread = float(info @ [np.var(r.time) for r in records])
+    effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f)
+    effect = effect.with_phases(phases_of(records, f, best))
+    size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
+    ci = {
+        "amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a],
+        "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f],
+    }
+    others = tuple(
+        f"vibration.{chain.linear[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable
+    )
+    return Line(effect, ci, others, gain)
+
+
+def _refined(records: list[Record], frequency: float, i: int) -> tuple[float, float, float, float]:
+    """Best frequency nearby for one axis, with :func:`_common` there."""
+    from scipy.optimize import (
+        minimize_scalar,
+    )  # takes longer to load than a test to simulate, and most campaigns have no line
+
+    width = 1.0 / max(r.time[-1] - r.time[0] for r in records)
+    near = frequency + np.arange(-_AROUND, _AROUND + 0.01, 0.125) * width
+    coarse = float(near[int(np.argmax([_common(records, f, i)[0] for f in near]))])
+    span = 0.2 * width
+    found = minimize_scalar(
+        lambda f: -_common(records, f, i)[0], bounds=(coarse - span, coarse + span), method="bounded"
+    )
+    return (float(found.x), *_common(records, float(found.x), i))
 
 
 @dataclass(frozen=True)

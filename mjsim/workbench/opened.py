@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from mjsim.campaign.model import Campaign
-from mjsim.inference.kept_changes import KeptChanges
 from mjsim.inference.mistakes.checked_problem import checked_problem
-from mjsim.inference.problem import Problem
+from mjsim.inference.problem import KeptChanges, Problem
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.axes import AxesMotion, motions_of

@@ -15,7 +15,7 @@ from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.found import AxisSelection
 from mjsim.inference.axis_logs.gains import read_gains
 from mjsim.inference.axis_logs.shared import MOTOR_SIDE, Decision, decide, fitted_to_logs, shared_entries
-from mjsim.inference.competing import CompetingModel
+from mjsim.inference.posterior import CompetingModel
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine

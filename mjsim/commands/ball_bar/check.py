@@ -13,9 +13,8 @@ from mjsim.commands.checked import CheckedPart
 from mjsim.errors import InputError
 from mjsim.importing.checks import duration_question
 from mjsim.importing.into_campaign import trace_bytes
-from mjsim.inference.mistakes.mistakes import Mistake, corrected, rewritten
+from mjsim.inference.mistakes.mistakes import MISTAKES, Mistake, corrected, rewritten
 from mjsim.inference.mistakes.recognise import TestEvidence, recognise
-from mjsim.inference.mistakes.settings import MISTAKES
 from mjsim.instruments.ball_bar.files import spans_fit, test_table
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest

@@ -11,8 +11,8 @@ from mjsim.campaign.model import Campaign
 from mjsim.commands.comparison import ComparedChannel, ComparedPart, ComparedTest
 from mjsim.errors import InputError
 from mjsim.inference.mistakes.checked_problem import checked_problem
+from mjsim.inference.nuisance_fit import fit_nuisance_retimed
 from mjsim.inference.problem import Problem
-from mjsim.inference.retiming import fit_nuisance_retimed
 from mjsim.inference.samples import GRID_STEPS
 from mjsim.inference.vibration import at_own_noise, phased_at
 from mjsim.instruments.ball_bar.acceptance import Measured, judge

@@ -11,19 +11,17 @@ from mjsim.campaign.model import Campaign
 from mjsim.commands.ball_bar.compare import BarComparison, overlay
 from mjsim.commands.diagnosis import Diagnosis
 from mjsim.commands.finding import DiagnosedEffect, findings_of, ladder_of
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.findings import explain
-from mjsim.inference.lines import Line
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.outcome import Selection
 from mjsim.inference.planning.next_test import plan_for
-from mjsim.inference.posterior import Posterior
+from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.problem import Problem
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
+from mjsim.inference.shares import clear_tests
 from mjsim.inference.signatures import Projector
 from mjsim.inference.testability import not_testable
-from mjsim.inference.vibration import is_news, phased_at, separate
-from mjsim.inference.visibility import clear_tests
+from mjsim.inference.vibration import Line, is_news, phased_at, separate
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build

@@ -18,8 +18,8 @@ from mjsim.inference.axis_logs.entries import NUISANCES, AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.shared import shared_entries
 from mjsim.inference.axis_logs.start import nuisance_entries, start_model
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.least_squares import ridge_solution
+from mjsim.inference.posterior import CompetingModel
 from mjsim.inference.settings import PLAN, PlanSettings
 from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest
 from mjsim.instruments.axis_log.motions import Motion, proposals, variations

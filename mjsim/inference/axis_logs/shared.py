@@ -17,9 +17,9 @@ from mjsim.inference.axis_logs.entries import DRIVE, NUISANCES, AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.gains import GainsRead
 from mjsim.inference.axis_logs.start import start_model
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.data_sheet import sheet_of
 from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.posterior import CompetingModel
 from mjsim.inference.search import names_to_tell
 from mjsim.machine.model import FRICTION_PARAMETERS
 

@@ -2,19 +2,19 @@
 
 Two things are hard to fake. *Reversals*: friction leaves a short spike where an axis turns round; its place, sign and
 size belong to one program, and effects that one looks for are broader or elsewhere. *Set-up*: tests of one set-up share
-the balls' offsets, so that their eccentricities have to agree.
+the balls' offsets, so that their eccentricities have to agree. :class:`State` has the tests as they are believed to be.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from mjsim.inference.least_squares import ridge_solution
-from mjsim.inference.mistakes.settings import MISTAKES
+from mjsim.inference.mistakes.mistakes import MISTAKES, MistakeSettings, unit_of
 from mjsim.inference.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples
 from mjsim.instruments.ball_bar.measurement import BallBarTest
@@ -156,3 +156,57 @@ def _sharp(x: np.ndarray, width: float) -> np.ndarray:
 
 def _near(bad: np.ndarray, width: float) -> np.ndarray:
     return np.convolve(bad, np.ones(2 * int(2 * width) + 1), mode="same") > 0 if bad.any() else bad
+
+
+#: A test as it may have been run: its variant, its trace, and what the trace is multiplied with.
+Part = tuple[Variant, Samples, float]
+
+
+@dataclass
+class State:
+    """The tests as they are believed to be."""
+
+    variants: list[Variant]
+    traces: list[Samples]
+    factors: list[float]
+    settings: MistakeSettings
+    _known: dict = field(default_factory=dict)
+
+    def part(self, k: int) -> Part:
+        return self.variants[k], self.traces[k], self.factors[k]
+
+    def spikes_of(self, variant: Variant, s: Samples, factor: float = 1.0) -> Spikes:
+        key = (id(variant), id(s))
+        if key not in self._known:
+            self._known[key] = spikes(variant, s, self.settings.visible_spike)
+        found = self._known[key]
+        return replace(found, factor=factor * found.factor, agreement=float(np.sign(factor)) * found.agreement)
+
+    def fit(self, part: Part) -> float | None:
+        """Agreement of a test's spikes, zero where their size is no machine's; ``None`` where there are none to see."""
+        found = self.spikes_of(*part)
+        if not found.visible:
+            return None
+        known = unit_of(found.factor)
+        return found.agreement if known is not None and not known[1] else 0.0
+
+    def disagrees(self, k: int) -> bool:
+        """Whether the set-up of test ``k`` leaves much more than its tests do on their own: else no correction
+        makes it agree.
+        """
+        members = self.members(k)
+        disagreement_of = self.disagreement_of(k, {})
+        if disagreement_of <= self.settings.setup_disagrees:
+            return False
+        apart = float(np.sqrt(sum(disagreement([self.part(j)]) ** 2 for j in members if j != k)))
+        return apart < self.settings.setup_share * disagreement_of
+
+    def disagreement_of(self, k: int, parts: dict[int, Part]) -> float:
+        """Disagreement (m) of the set-up of test ``k`` with some tests changed; zero where the test is alone in it."""
+        members = self.members(k)
+        return disagreement([parts.get(j, self.part(j)) for j in members]) if len(members) > 1 else 0.0
+
+    def members(self, k: int) -> list[int]:
+        """Tests of the set-up of test ``k``."""
+        setup = self.variants[k].test.setup
+        return [j for j, v in enumerate(self.variants) if v.test.setup == setup]

@@ -17,9 +17,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import expit, logit
 
-from mjsim.inference.mistakes.evidence import Variant, left_together
+from mjsim.inference.mistakes.evidence import State, Variant, left_together
 from mjsim.inference.mistakes.mistakes import Mistake
-from mjsim.inference.mistakes.state import State
 from mjsim.inference.samples import GRID_STEPS, Samples
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program

@@ -26,10 +26,9 @@ from scipy.linalg import block_diag
 from mjsim.campaign.model import Campaign
 from mjsim.inference.at_rest import RestProblem, SampleNoise, taken_by
 from mjsim.inference.calibration import expected_effects
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.least_squares import ridge_solution
-from mjsim.inference.posterior import Posterior
+from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.settings import PLAN, PlanSettings
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine

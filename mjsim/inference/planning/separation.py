@@ -12,18 +12,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mjsim.inference.competing import CompetingModel
 from mjsim.inference.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
-from mjsim.inference.kept_changes import KeptChanges
 from mjsim.inference.least_squares import ridge_solution
 from mjsim.inference.linearisation import Linearisation
 from mjsim.inference.noise import Noise
 from mjsim.inference.nuisance import BAR_LENGTH, NEST, TRIGGER, instrument_blocks, set_up_columns, set_up_sizes
 from mjsim.inference.parameters import Block, Parameters
-from mjsim.inference.posterior import Posterior
-from mjsim.inference.problem import sheet_grid, sheet_plants
+from mjsim.inference.posterior import CompetingModel, Posterior
+from mjsim.inference.problem import KeptChanges, sheet_grid, sheet_plants
 from mjsim.inference.samples import BLOCKS, GRID_STEPS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.model import Machine, build
