@@ -26,6 +26,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.cache import remembered
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent
+from mjsim.simulation.multibody import Reading
 from mjsim.simulation.readings import readings_of
 from mjsim.threads import one_blas_thread
 
@@ -41,7 +42,8 @@ def diagnose_bars(
 ) -> Diagnosis:
     """Find what is missing.
 
-    The search runs on the drives' motions; every error that is reported comes from the full multibody simulation.
+    The search runs on the drives' motions, and so do the models between the machine as given and the fitted one. The
+    errors of these two come from the full multibody simulation.
 
     Args:
         campaign: With at least one measured test.
@@ -100,8 +102,11 @@ def _diagnose(
     after = simulated(final, "the fitted machine", begin)
 
     def compared(m: Machine, described: str) -> BarComparison:
+        progress(f"simulating {described}", 0, 1)
         phased, begin = phased_at(problem, m)
-        return simulated(phased, described, begin)
+        plant = build(phased)
+        moved = problem.map(lambda k: Reading(problem.tests[k], problem.motions[k].reading(plant)))
+        return overlay(problem, phased, moved, begin)
 
     effects, rungs = ladder_of(found, explained.calibration, machine, (before, after), compared)
     following = plan_for(problem, selection, threads, progress, hidden=False)
