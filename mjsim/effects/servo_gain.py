@@ -7,6 +7,9 @@ from mjsim.machine.parameter import Parameter
 from mjsim.machine.remedy import Remedy
 from mjsim.machine.subjects import every_axis
 
+#: A typical size lags as one of a command delay does, 0.1 ms: ratio · 1/Kpp at a usual Kpp of 50/s. The two look alike.
+_TYPICAL = 0.005
+
 
 @register
 class ServoGain(Effect):
@@ -14,7 +17,7 @@ class ServoGain(Effect):
     subjects = every_axis
     title = "Position gain Kpp off its setting"
     noun = "position gain"
-    parameters = (Parameter("ratio", "factor on Kpp", 0.5, 2.0, neutral=1.0, scale=0.01),)
+    parameters = (Parameter("ratio", "factor on Kpp", 0.5, 2.0, neutral=1.0, scale=_TYPICAL),)
     definition = "Kpp is multiplied by ratio"
     source = "paper Fig. 2 (Kpp)"
     signature = (
