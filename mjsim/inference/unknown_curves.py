@@ -30,7 +30,8 @@ WIDTHS = np.geomspace(0.05, 20.0, 8)
 _LENGTH = 0.3
 #: Corner and exponent of the spectra of curves that repeat: smooth, rough (assumed).
 _CLOSED = {"smooth": (2.0, 2.5), "rough": (8.0, 1.0)}
-#: Lengths over which a worn stretch of a wheel may change, rad (assumed: a few teeth, a part of the wheel).
+#: Lengths over which a worn stretch of a wheel may change, rad, beside the pitch of one tooth (assumed: a few teeth, a
+#: part of the wheel).
 _STRETCHES = (math.radians(10.0), math.radians(30.0))
 #: Lobes that a table which is not round may have (assumed: what is turned or clamped is oval or has a few lobes).
 _LOBES = range(1, 9)
@@ -184,8 +185,9 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float,
         odds = _LOG_ODDS - math.log(3 * tried[axis])
         for term in terms.fine(axis):
             known = linear.of(term)
-            for stretch in _STRETCHES:
-                compete(term, known, "teeth", teeth_of(term, fit.base.drives[axis].gear, stretch), odds)
+            teeth = fit.base.drives[axis].gear
+            for stretch in (2.0 * math.pi / teeth, *_STRETCHES):
+                compete(term, known, "teeth", teeth_of(term, teeth, stretch), odds)
     return [
         (found, Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds))
         for found, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
