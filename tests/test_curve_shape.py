@@ -12,7 +12,7 @@ from mjsim.inference.curve_terms import CurveTerm, hats
 from mjsim.inference.least_squares import LeastSquares
 from mjsim.inference.parameters import Block, Parameters
 from mjsim.inference.unexplained import shape_in_words
-from mjsim.inference.unknown_curves import WIDTHS
+from mjsim.inference.unknown_curves import WIDTHS, teeth_of
 from mjsim.units import DEG
 
 K, ROWS, TURN = 48, 2400, 2.0 * np.pi
@@ -161,3 +161,17 @@ def test_the_shape_is_told_in_a_sentence(shape, curve, period, told):
     knots = KNOT * 360.0 / K
     term = CurveTerm("C", "C", "position", knots * DEG, period, [], coefficients=curve, shape=shape)
     assert shape_in_words(term, knots, 1.0 / DEG, "C axis: position [°]", "°") == told
+
+
+@pytest.mark.parametrize("width", [0.6, 3.0])
+def test_worn_teeth_are_met_one_by_one_and_in_stretches(width):
+    """Damage ``width`` teeth wide on both sides of one place: what the best prior leaves of it is below the noise."""
+    teeth, knots, noise = 60.0, np.arange(720) * (TURN / 720), 0.05
+    from_there = knots - 2.0
+    damage = np.exp(-0.5 * (from_there * teeth / (width * TURN)) ** 2) * np.cos(teeth * from_there)
+    measured = damage + noise * np.random.default_rng(3).standard_normal(720)
+    left = []
+    for root in teeth_of(CurveTerm("C", "C", "position", knots, TURN, ()), teeth):
+        sizes = np.linalg.solve(root.T @ root / noise**2 + np.eye(root.shape[1]), root.T @ measured / noise**2)
+        left.append(np.sqrt(np.mean((root @ sizes - damage) ** 2)))
+    assert min(left) < 0.5 * noise

@@ -106,7 +106,8 @@ def test_what_the_ball_bar_knows_are_priors(m2):
     model = explained_by(m2, "servo_gain.C", 0.06, ratio=1.03)
     entries = {e.label: e for e in shared_entries(model, "C")}
     gain = entries["servo_gain.C.ratio"]
-    assert gain.centre == 1.03 and gain.deviation == pytest.approx(0.06 * 0.01 / 1.03)
+    size = registry.kinds()["servo_gain"].parameters[0].scale
+    assert gain.centre == 1.03 and gain.deviation == pytest.approx(0.06 * size / 1.03)
     inertia = entries["drive.inertia"]
     assert inertia.centre == m2.drives["C"].inertia and inertia.deviation == pytest.approx(0.03)
     assert "servo_gain.C.ratio" not in {e.label for e in shared_entries(model, "X")}

@@ -122,19 +122,19 @@ def lobes_of(term: CurveTerm, lobes: int) -> np.ndarray:
     return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def teeth_of(term: CurveTerm, teeth: float, stretch: float) -> np.ndarray:
-    """Root of the prior of a stretch of worn teeth: waves of the tooth's period whose size changes from place to place,
-    (knots, k).
+def teeth_of(term: CurveTerm, teeth: float) -> Iterator[np.ndarray]:
+    """Roots of the priors of worn teeth, (knots, k) each: waves of the tooth's period whose size changes from place to
+    place, over one tooth or more.
 
     Args:
         term: A fine curve of the axis' position.
         teeth: Of the wheel.
-        stretch: Length over which the size changes, rad.
     """
     apart = np.abs(term.knots[:, None] - term.knots)
     if term.period:
         apart = np.minimum(apart, term.period - apart)
-    return _root(np.exp(-0.5 * (apart / stretch) ** 2) * np.cos(teeth * apart))
+    for stretch in (2.0 * math.pi / teeth, *_STRETCHES):
+        yield _root(np.exp(-0.5 * (apart / stretch) ** 2) * np.cos(teeth * apart))
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
@@ -185,9 +185,8 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float,
         odds = _LOG_ODDS - math.log(3 * tried[axis])
         for term in terms.fine(axis):
             known = linear.of(term)
-            teeth = fit.base.drives[axis].gear
-            for stretch in (2.0 * math.pi / teeth, *_STRETCHES):
-                compete(term, known, "teeth", teeth_of(term, teeth, stretch), odds)
+            for root in teeth_of(term, fit.base.drives[axis].gear):
+                compete(term, known, "teeth", root, odds)
     return [
         (found, Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds))
         for found, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
