@@ -22,7 +22,7 @@ from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_fig
 from mjsim.io.resources import examples
 from mjsim.machine.axis import is_rotary
 from mjsim.machine.chain import FIVE_AXIS
-from mjsim.machine.remedy import UNKNOWN
+from mjsim.machine.effect import UNKNOWN
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure

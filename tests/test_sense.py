@@ -32,12 +32,10 @@ from mjsim.io.resources import examples
 from mjsim.linuxcnc import configuration
 from mjsim.linuxcnc.configuration import Settings, kinematics, write_configuration
 from mjsim.machine.bodies import model_spec
-from mjsim.machine.chain import FIVE_AXIS, SENSES, Placement, chain_of
-from mjsim.machine.kinematics import Geometry, reading, spindle_in_work
+from mjsim.machine.chain import FIVE_AXIS, SENSES, Placement, chain_of, usual_travel
+from mjsim.machine.kinematics import Geometry, reading, sensitivity, spindle_in_work
 from mjsim.machine.model import build
 from mjsim.machine.plant import BUMP
-from mjsim.machine.reach import usual_travel
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.nc.limits import model_limits
 from mjsim.nc.read import parse_nc
 from mjsim.nc.write import Options, nc_program

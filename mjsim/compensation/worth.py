@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from mjsim.commands.saved import Known, SavedDiagnosis
 from mjsim.digits import estimate, expanded
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter
 
 #: Kinds that are part of the drive and not of its position: no table or offset changes them.
 NOT_POSITION = (

@@ -18,7 +18,7 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.samples import GRID, GRID_STEPS
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import build
-from mjsim.machine.motion import Motion
+from mjsim.machine.plant import Motion
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.units import UM
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mjsim.inference.curve_terms import RADIAL, ROUND, TABLE, CurveTerm, CurveTerms, HatColumns, unit_of
-from mjsim.machine.radius import radius_of
+from mjsim.machine.axis import radius_of
 
 #: Knots of the curve, rad.
 _KNOTS = np.arange(72) * (2.0 * np.pi / 72)

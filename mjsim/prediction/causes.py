@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.machine.subjects import axis_of_subject
+from mjsim.machine.effect import axis_of_subject
 from mjsim.prediction.contour import Contour
 from mjsim.prediction.influence import Influence
 from mjsim.prediction.result import Cause

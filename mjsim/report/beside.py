@@ -18,7 +18,7 @@ from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import decimals_of, estimate, expanded, fixed, interval, wave_ends
 from mjsim.inference.budget import Budget
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.machine.sheet_names import sheet_name
+from mjsim.machine.model import sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.report.page import data_uri
 from mjsim.units import DEG, UM, percent, unit_of

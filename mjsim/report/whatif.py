@@ -20,9 +20,9 @@ from mjsim.inference.vibration import phased
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.machine.effect import Remedy
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import AxisPlant
-from mjsim.machine.remedy import Remedy
 from mjsim.plots.polar import centre_of, off_centre
 from mjsim.progress import Progress, silent
 from mjsim.report.content import RepairRow, WhatIf

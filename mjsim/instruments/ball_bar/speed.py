@@ -6,7 +6,7 @@ import numpy as np
 
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
-from mjsim.machine.reach import usual_speed
+from mjsim.machine.chain import usual_speed
 from mjsim.units import DEG, MM
 
 #: Instants that are looked at.

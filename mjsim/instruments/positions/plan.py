@@ -10,8 +10,7 @@ import numpy as np
 
 from mjsim.instruments.positions.files import components_of
 from mjsim.instruments.positions.measurement import PositionTest
-from mjsim.machine.chain import COORDINATES, Chain
-from mjsim.machine.reach import usual_travel
+from mjsim.machine.chain import COORDINATES, Chain, usual_travel
 from mjsim.units import DEG, MM
 
 #: Fewest targets of a linear axis, and of one metre of it.

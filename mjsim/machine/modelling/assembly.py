@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import Chain, usual_travel
 from mjsim.machine.modelling.links import GAP, Link, Solid, box, points
 from mjsim.machine.modelling.tool_stack import ToolStack
 from mjsim.machine.modelling.work_stack import WorkStack
-from mjsim.machine.reach import usual_travel
 
 #: Height of the floor below the lowest part that moves, m.
 _BED = 0.25

@@ -6,11 +6,10 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from mjsim.machine.chain import Chain
+from mjsim.machine.chain import Chain, usual_travel
 from mjsim.machine.modelling.assembly import Assembly, assembled, weights
 from mjsim.machine.modelling.links import Link, Solid
 from mjsim.machine.modelling.work_stack import BALL, BALL_HEIGHT, TOP
-from mjsim.machine.reach import usual_travel
 
 _MATERIALS = {
     "white": "0.86 0.88 0.89 1",

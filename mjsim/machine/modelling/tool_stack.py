@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.machine.chain import Axis, Chain
+from mjsim.machine.chain import Axis, Chain, usual_travel
 from mjsim.machine.modelling.links import GAP, Link, Solid, box, from_axis, oriented_box, points, rod
 from mjsim.machine.modelling.work_stack import BALL
-from mjsim.machine.reach import usual_travel
 
 #: Half width and rear face of a quill, m.
 _QUILL = 0.08, 0.10

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mjsim.machine.chain import Axis, Chain
+from mjsim.machine.chain import Axis, Chain, usual_travel
 from mjsim.machine.modelling.links import GAP, Link, Solid, box, from_axis, oriented_box, points, rod
-from mjsim.machine.reach import usual_travel
 
 #: Table: radius, lower face and surface, m. The surface is where that of the shipped machine is.
 RADIUS, BOTTOM, TOP = 0.25, 0.03, 0.08

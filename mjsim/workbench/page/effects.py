@@ -8,8 +8,7 @@ from nicegui import ui
 
 from mjsim import digits
 from mjsim.errors import InputError
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter
 from mjsim.workbench import catalogue
 from mjsim.workbench.live import Live
 from mjsim.workbench.recordings_live import RecordingsLive
