@@ -23,8 +23,7 @@ from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.linuxcnc import installed
 from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, write_configuration
-from mjsim.linuxcnc.held import held_against
-from mjsim.linuxcnc.record import Record
+from mjsim.linuxcnc.record import Record, held_against
 from mjsim.linuxcnc.run import _Busy, _starved, run_program
 from mjsim.machine.chain import FIVE_AXIS, Placement, chain_of
 from mjsim.nc.control import block_times, linuxcnc

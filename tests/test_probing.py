@@ -11,8 +11,7 @@ from commands import printed as run
 
 import mjsim
 from mjsim.errors import InputError
-from mjsim.instruments.sphere.measurement import SphereTest
-from mjsim.instruments.sphere.touches import centre_of, centres_of_log, sides_of_points
+from mjsim.instruments.sphere.measurement import SphereTest, centre_of, centres_of_log, sides_of_points
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import Settings
 from mjsim.linuxcnc.installed import missing

@@ -18,9 +18,9 @@ from mjsim.animation.scene import scene_of
 from mjsim.campaign.chain_file import chain_of_file
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
-from mjsim.campaign.new_machine import new_log_campaign, new_machine
+from mjsim.campaign.new import new_log_campaign, new_machine
 from mjsim.compensation.controls import CONTROLS, control
-from mjsim.compensation.terms import wanted_of
+from mjsim.compensation.tables import wanted_of
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log

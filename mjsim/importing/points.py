@@ -23,8 +23,7 @@ from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.importing.units import QUANTITIES, bare, factor, unit_named, unit_of_column
 from mjsim.instruments.base import INSTRUMENTS, Instrument
-from mjsim.instruments.sphere.measurement import Points, SphereTest
-from mjsim.instruments.sphere.touches import LOGGED, centres_of_log
+from mjsim.instruments.sphere.measurement import LOGGED, Points, SphereTest, centres_of_log
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import shown
 from mjsim.io.toml import parse, read_text

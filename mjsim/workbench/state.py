@@ -28,10 +28,9 @@ from mjsim.threads import one_blas_thread
 from mjsim.workbench import save as saving
 from mjsim.workbench.gains import Gain, Gains
 from mjsim.workbench.jobs import Stopped
-from mjsim.workbench.log_state import LogBench
-from mjsim.workbench.opened import OpenCampaign
+from mjsim.workbench.overlay import OpenCampaign
 from mjsim.workbench.picture import Picture, picture
-from mjsim.workbench.recordings import RecordingsBench, SharedRecordings
+from mjsim.workbench.recordings import LogBench, RecordingsBench, SharedRecordings
 from mjsim.workbench.tried import Shared, TriedModel
 
 
@@ -182,7 +181,7 @@ def workbench(campaign: Campaign | str | Path, machine: Machine | str | Path | N
         threads: Tests that are worked on side by side.
 
     Returns:
-        A :class:`Workbench` of its ball-bar tests; a :class:`~mjsim.workbench.log_state.LogBench` where axis logs, and
+        A :class:`Workbench` of its ball-bar tests; a :class:`~mjsim.workbench.recordings.LogBench` where axis logs, and
         a :class:`~mjsim.workbench.recordings.RecordingsBench` where other recordings are all that was measured.
 
     Raises:

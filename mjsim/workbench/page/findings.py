@@ -16,8 +16,7 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.model import sheet_name
 from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
-from mjsim.workbench.live import Live
-from mjsim.workbench.recordings_live import RecordingsLive
+from mjsim.workbench.live import Live, RecordingsLive
 
 
 class JobPanel:
