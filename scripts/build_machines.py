@@ -23,7 +23,7 @@ from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Placement, chain_of
-from mjsim.machine.modelling.mjcf import whole_scene
+from mjsim.machine.modelling import whole_scene
 from mjsim.units import DEG
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"

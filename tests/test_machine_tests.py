@@ -14,7 +14,7 @@ from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import chain_of, usual_travel
-from mjsim.machine.modelling.mjcf import machine_xml
+from mjsim.machine.modelling import machine_xml
 from mjsim.units import DEG
 
 

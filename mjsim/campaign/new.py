@@ -14,7 +14,7 @@ from mjsim.campaign.machine_templates import FACTOR, MachineTemplate
 from mjsim.errors import InputError
 from mjsim.io.files import check_writable, write_all
 from mjsim.machine.chain import COORDINATES, SENSES, Axis, Chain, Placement, chain_of
-from mjsim.machine.modelling.mjcf import machine_xml, scene_xml
+from mjsim.machine.modelling import machine_xml, scene_xml
 from mjsim.units import MM
 
 # -- A new machine's folder --------------------------------------------------------------------------------------------
