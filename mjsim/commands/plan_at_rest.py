@@ -26,8 +26,8 @@ from mjsim.inference.settings import PLAN, PlanSettings
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
+from mjsim.instruments.positions.instrument import planned_test
 from mjsim.instruments.positions.measurement import PositionTest
-from mjsim.instruments.positions.plan import planned_test
 from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent

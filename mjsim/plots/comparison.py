@@ -99,9 +99,6 @@ def circle_figure(log: ComparedLog) -> Figure:
 
 # -- error vectors of a probed sphere where it was found, and what the model leaves of them point by point -------------
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 #: Length of the longest arrow as a share of the picture.
 _LONGEST = 0.16
 #: Steps of a round length.
@@ -181,10 +178,6 @@ def points_figure(t: Any) -> Figure:
     axes.legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="upper right")
     style.label(axes, "point", "measured less simulated (µm)")
     return figure
-
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def plot_files(campaign: Campaign, folder: Path) -> list[Path]:

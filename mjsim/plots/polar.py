@@ -22,6 +22,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.plots import series, style
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
 
@@ -221,10 +222,6 @@ def _turns(angle_deg: np.ndarray) -> float:
 
 
 # -- all tests of a campaign at a glance -------------------------------------------------------------------------------
-
-if TYPE_CHECKING:
-    from matplotlib.artist import Artist
-    from matplotlib.figure import Figure
 
 
 def overview_figure(

@@ -19,12 +19,12 @@ from mjsim.instruments.ball_bar.span import explain
 from mjsim.instruments.base import Instrument, Mistake, Observation, register
 from mjsim.instruments.r_test.measurement import Nest, NestTrace, SphereReading
 from mjsim.instruments.schema import Length, OwnLength, one_of
-from mjsim.instruments.sphere.files import DEVIATIONS
+from mjsim.instruments.sphere.instrument import DEVIATIONS
 from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, sides_of
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.io.inputs import check_columns, csv_table, need_columns
 from mjsim.io.times import check_growing
-from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
+from mjsim.machine.chain import COORDINATES, Chain
 from mjsim.units import DEG, MM, UM
 
 # -- R-tests of a campaign ---------------------------------------------------------------------------------------------
@@ -47,76 +47,6 @@ class RTestTable(MotionTable):
     to_deg: Angle
     second_from_deg: Angle | None = None
     second_to_deg: Angle | None = None
-
-
-def r_test_table(chain: Chain = FIVE_AXIS) -> type[RTestTable]:
-    """What a ``[[test]]`` table may contain on a machine with these axes."""
-    rotary: Any = Annotated[str, AfterValidator(one_of(lambda: chain.rotary))]
-    return create_model("RTestTable", __base__=RTestTable, axis=(rotary, ...))
-
-
-def readings_of_table(file: Path, t: Any, chain: Chain) -> tuple[SphereReading, ...]:
-    """The readings of the R-test that a ``[[test]]`` table describes, one a coordinate.
-
-    Args:
-        file: Where it stands.
-        t: The table.
-        chain: Axes of the machine.
-
-    Raises:
-        InputError: The machine lacks axes, a key is missing, or the path is impossible.
-    """
-    place = f'{file}: [[test]] "{t.name}"'
-    more: dict[str, float] = {}
-    if (t.second_from_deg is None) != (t.second_to_deg is None):
-        raise InputError(f"{place}: one of second_from_deg and second_to_deg is missing; allowed: both, or none")
-    if t.second_from_deg is not None:
-        more = {"second_start": t.second_from_deg * DEG, "second_stop": t.second_to_deg * DEG}
-    x, y, z = (v * MM for v in t.sphere_mm)
-    one = SphereReading(
-        name=t.name,
-        kind="simultaneous" if more else "rotary",
-        table_ball=(x, y, z),
-        length=0.0,
-        feed=t.feed_mm_min * MM / 60.0,
-        sensitive=COORDINATES[-1] if more else "radial",  # a bar without length has no direction
-        axis=t.axis,
-        start=t.from_deg * DEG,
-        stop=t.to_deg * DEG,
-        setup=t.setup or t.name,
-        started=t.started_s,
-        spindle=t.spindle_deg * DEG,
-        trace=t.trace,
-        chain=chain,
-        more=more,
-    )
-    kind = kind_of(one)
-    if reason := kind.cannot(chain):
-        raise InputError(f"{place}: the machine has the axes {', '.join(chain.letters)}: {reason}")
-    whole = kind.completed(one)
-    assert isinstance(whole, SphereReading)
-    if wrong := kind.wrong(whole):
-        raise InputError(f"{place}: {wrong.replace('table_ball_mm', 'sphere_mm')}")
-    check_duration(place, whole)
-    return tuple(replace(whole, name=f"{t.name}.{d}", component=c) for d, c in zip(_READ, COORDINATES, strict=True))
-
-
-def test_table(test: SphereReading) -> dict[str, Any]:
-    """The ``[[test]]`` table of a planned R-test, from one of its readings."""
-    second = {f"second_{k}_deg": plain(float(test.more[f"second_{e}"]) / DEG) for k, e in _ENDS} if test.more else {}
-    turned = {"spindle_deg": plain(test.spindle / DEG)} if test.spindle else {}
-    return {
-        "name": test.recording,
-        "kind": test.instrument,
-        "sphere_mm": [plain(v / MM) for v in test.table_ball],
-        "axis": test.axis,
-        "from_deg": plain(test.start / DEG),
-        "to_deg": plain(test.stop / DEG),
-        **second,
-        "feed_mm_min": plain(test.feed / MM * 60.0),
-        **turned,
-        "setup": test.setup,
-    }
 
 
 _ENDS = (("from", "start"), ("to", "stop"))
@@ -170,35 +100,6 @@ def nest_trace(path: Path, test: SphereReading, time: np.ndarray, vector: np.nda
     return NestTrace(time, own, valid, int((~valid).sum()), vector)
 
 
-def trace_text(recording: NestTrace) -> str:
-    """A recording as :func:`read_nest` reads it."""
-    rows = np.column_stack([recording.time, recording.vector / UM])
-    lines = [f"{t:.4f},{x:.4f},{y:.4f},{z:.4f}" for t, x, y, z in rows]
-    return "\n".join([",".join(("time_s", *DEVIATIONS)), *lines, ""])
-
-
-def file_columns() -> dict[str, tuple[str, str]]:
-    """What a column of another system's table may be: its quantity, and the unit where nothing says it."""
-    return {"time": ("time", "s"), **dict.fromkeys(_READ, ("deviation", "um"))}
-
-
-def column_named(word: str) -> str:
-    """What a header means; empty where it means nothing. ``word`` is the header without its unit, lower case."""
-    word = word.replace(" ", "_").strip("_")
-    if word in ("time", "t", "zeit"):
-        return "time"
-    for d, c in zip(_READ, COORDINATES, strict=True):
-        low = c.lower()
-        if word == d or (word.count(low) == 1 and word.replace(low, "_", 1).strip("_") in _OFF):
-            return d
-    return ""
-
-
-def missing_columns(have: Collection[str]) -> list[str]:
-    """Columns that a table lacks."""
-    return [n for n in file_columns() if n not in have]
-
-
 #: So many places of a motion are looked at for mistakes.
 _LOOKED_AT = 60
 
@@ -219,13 +120,49 @@ class RTest(Instrument[SphereReading, NestTrace]):
         return (self.name,)
 
     def table(self, chain: Chain) -> type[RTestTable]:
-        return r_test_table(chain)
+        rotary: Any = Annotated[str, AfterValidator(one_of(lambda: chain.rotary))]
+        return create_model("RTestTable", __base__=RTestTable, axis=(rotary, ...))
 
     def test_of(self, file: Path, table: Any, chain: Chain) -> SphereReading:
         return self.tests_of(file, table, chain)[0]
 
     def tests_of(self, file: Path, table: Any, chain: Chain) -> tuple[SphereReading, ...]:
-        return readings_of_table(file, table, chain)
+        """One reading a coordinate."""
+        place = f'{file}: [[test]] "{table.name}"'
+        more: dict[str, float] = {}
+        if (table.second_from_deg is None) != (table.second_to_deg is None):
+            raise InputError(f"{place}: one of second_from_deg and second_to_deg is missing; allowed: both, or none")
+        if table.second_from_deg is not None:
+            more = {"second_start": table.second_from_deg * DEG, "second_stop": table.second_to_deg * DEG}
+        x, y, z = (v * MM for v in table.sphere_mm)
+        one = SphereReading(
+            name=table.name,
+            kind="simultaneous" if more else "rotary",
+            table_ball=(x, y, z),
+            length=0.0,
+            feed=table.feed_mm_min * MM / 60.0,
+            sensitive=COORDINATES[-1] if more else "radial",  # a bar without length has no direction
+            axis=table.axis,
+            start=table.from_deg * DEG,
+            stop=table.to_deg * DEG,
+            setup=table.setup or table.name,
+            started=table.started_s,
+            spindle=table.spindle_deg * DEG,
+            trace=table.trace,
+            chain=chain,
+            more=more,
+        )
+        kind = kind_of(one)
+        if reason := kind.cannot(chain):
+            raise InputError(f"{place}: the machine has the axes {', '.join(chain.letters)}: {reason}")
+        whole = kind.completed(one)
+        assert isinstance(whole, SphereReading)
+        if wrong := kind.wrong(whole):
+            raise InputError(f"{place}: {wrong.replace('table_ball_mm', 'sphere_mm')}")
+        check_duration(place, whole)
+        return tuple(
+            replace(whole, name=f"{table.name}.{d}", component=c) for d, c in zip(_READ, COORDINATES, strict=True)
+        )
 
     def data_of(self, table: Any) -> Nest:
         stated = None if table.repeatability_um is None else table.repeatability_um * UM
@@ -238,25 +175,49 @@ class RTest(Instrument[SphereReading, NestTrace]):
         check_span(path, test, recording, tuple(tests))
 
     def file_columns(self, test: SphereReading) -> dict[str, tuple[str, str]]:
-        return file_columns()
+        return {"time": ("time", "s"), **dict.fromkeys(_READ, ("deviation", "um"))}
 
     def column_named(self, test: SphereReading, header: str, word: str) -> str:
-        return column_named(word)
+        word = word.replace(" ", "_").strip("_")
+        if word in ("time", "t", "zeit"):
+            return "time"
+        for d, c in zip(_READ, COORDINATES, strict=True):
+            low = c.lower()
+            if word == d or (word.count(low) == 1 and word.replace(low, "_", 1).strip("_") in _OFF):
+                return d
+        return ""
 
     def missing_columns(self, test: SphereReading, have: Collection[str]) -> list[str]:
-        return missing_columns(have)
+        return [n for n in self.file_columns(test) if n not in have]
 
     def from_columns(
         self, source: Path, test: SphereReading, columns: dict[str, np.ndarray]
     ) -> tuple[NestTrace, list[str]]:
-        time, *vector = (columns[n] for n in file_columns())
+        time, *vector = (columns[n] for n in self.file_columns(test))
         return nest_trace(source, test, time, np.column_stack(vector), Nest(range=np.inf)), []
 
     def trace_text(self, test: SphereReading, recording: NestTrace) -> str:
-        return trace_text(recording)
+        rows = np.column_stack([recording.time, recording.vector / UM])
+        lines = [f"{t:.4f},{x:.4f},{y:.4f},{z:.4f}" for t, x, y, z in rows]
+        return "\n".join([",".join(("time_s", *DEVIATIONS)), *lines, ""])
 
     def test_table(self, test: SphereReading) -> dict[str, Any]:
-        return test_table(test)
+        second = (
+            {f"second_{k}_deg": plain(float(test.more[f"second_{e}"]) / DEG) for k, e in _ENDS} if test.more else {}
+        )
+        turned = {"spindle_deg": plain(test.spindle / DEG)} if test.spindle else {}
+        return {
+            "name": test.recording,
+            "kind": test.instrument,
+            "sphere_mm": [plain(v / MM) for v in test.table_ball],
+            "axis": test.axis,
+            "from_deg": plain(test.start / DEG),
+            "to_deg": plain(test.stop / DEG),
+            **second,
+            "feed_mm_min": plain(test.feed / MM * 60.0),
+            **turned,
+            "setup": test.setup,
+        }
 
     def observe(self, test: SphereReading, recording: NestTrace) -> Observation:
         return Observation(recording.time, recording.deviation[:, None], recording.valid[:, None])

@@ -681,8 +681,6 @@ class StartPage:
             rate = ui.number("or samples per s").classes("short")
 
             def bring() -> Any:
-                from mjsim.importing.reading import Options
-
                 pairs = (("command", command.value), ("actual", actual.value))
                 signals = tuple(f"{axis.value}_{s}={c}:{unit.value}" for s, c in pairs if c)
                 options = Options(time=clock.value or None, rate=float(rate.value) if rate.value else None)
