@@ -55,17 +55,9 @@ def diagnose_bars(
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
-    """Find what is missing.
+    """What is missing, by ball-bar tests; arguments as of :func:`diagnose`.
 
     The search runs on the drives' motions; every error that is reported comes from the full multibody simulation.
-
-    Args:
-        campaign: With at least one measured test.
-        machine: As given.
-        max_effects: At most so many different effects; without it as many as the data prove.
-        threads: Tests that are worked on side by side.
-        progress: Called as work gets on.
-        settings: What decides.
 
     Raises:
         InputError: no measured test, or the traces show a mistake (:mod:`mjsim.inference.mistakes`).
@@ -187,15 +179,7 @@ def diagnose_jointly(
     progress: Progress = silent,
     settings: DiagnosisSettings = DIAGNOSIS,
 ) -> Diagnosis:
-    """Find what is missing from the model of a machine, with both instruments.
-
-    Args:
-        campaign: With at least one measured ball-bar test and one recorded log.
-        machine: As given.
-        max_effects: At most so many different effects; without it as many as the data prove.
-        threads: Tests that are worked on side by side.
-        progress: Called as work gets on.
-        settings: What decides.
+    """What is missing, by ball-bar tests and axis logs; arguments as of :func:`diagnose`.
 
     Raises:
         InputError: An instrument has no data, or they show a mistake.

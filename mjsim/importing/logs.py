@@ -109,7 +109,7 @@ def columns_of(
     out = {(c.axis, c.signal): c for c in said}
     notes: list[str] = []
     if options.rate is None:
-        place = _place(table, options.time) if options.time else _time_column(table)
+        place = table.place(options.time) if options.time else _time_column(table)
         if place is not None:
             unit = options.time_unit or unit_of_column(table.names[place], table.units[place], "time") or ""
             out[("", "time")] = Column("", "time", place, unit)
@@ -133,9 +133,7 @@ def columns_of(
     _check_complete(table, chain, out, options)
     unused = [p for p in unused if not table.channels or not table.channels[p][0] or table.channels[p][0] in letters]
     if unused:
-        few = ", ".join(f'{p + 1} "{table.names[p]}"' if table.names[p] else str(p + 1) for p in unused[:8])
-        more = f" and {len(unused) - 8} more" if len(unused) > 8 else ""
-        notes.append(f"not taken, as no channel of an axis: column{'s' if len(unused) > 1 else ''} {few}{more}")
+        notes.append(f"not taken, as no channel of an axis: {table.listed(unused)}")
     return tuple(out.values()), notes
 
 
@@ -208,14 +206,6 @@ def _stated(table: Table, place: int, letters: dict[str, str]) -> tuple[str, str
     return (letters[axis], signal) if axis in letters and signal in QUANTITY else None
 
 
-def _place(table: Table, column: str) -> int:
-    if column in table.names:
-        return table.names.index(column)
-    if column.isdigit() and 1 <= int(column) <= table.values.shape[1]:
-        return int(column) - 1
-    raise InputError(f"{table.path}: no column {shown(column)}; allowed: {table.columns}, by name or number")
-
-
 def _said(table: Table, chain: Chain, text: str) -> Column:
     match = _SIGNAL.fullmatch(text)
     if not match or match[2] not in QUANTITY or match[1] not in chain.letters:
@@ -229,7 +219,7 @@ def _said(table: Table, chain: Chain, text: str) -> Column:
     column, unit = rest, ""
     if rest not in table.names and ":" in rest:  # the name of a column may hold a colon itself
         column, _, unit = rest.rpartition(":")
-    place = _place(table, column)
+    place = table.place(column)
     if not unit:
         return Column(axis, signal, place, _unit(table.names[place], table.units[place], signal, rotary))
     known = unit_named(unit, quantity(signal, rotary))
