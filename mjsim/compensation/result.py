@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from textwrap import wrap
 
 from mjsim.campaign.model import Campaign
+from mjsim.commands.comparison import significant
 from mjsim.commands.saved import SavedDiagnosis
 from mjsim.compensation.controls import Control
 from mjsim.compensation.forecast import Forecast
 from mjsim.compensation.tables import Corrections, Worth, scale, unit_text
-from mjsim.digits import estimate, expanded
+from mjsim.digits import estimate, expanded, rounded_um
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import DEG, MM, UM
 
@@ -135,8 +136,8 @@ class Compensation:
                 {
                     "id": w.effect.key,
                     "origin": w.known.origin,
-                    "sizes": {k: _sig(v) for k, v in w.sizes.items()},
-                    "uncertainty95": {k: _sig(v) for k, v in w.uncertainty.items()},
+                    "sizes": {k: significant(v) for k, v in w.sizes.items()},
+                    "uncertainty95": {k: significant(v) for k, v in w.uncertainty.items()},
                 }
                 for w in self.worth
                 if w.effect.key in done
@@ -144,7 +145,8 @@ class Compensation:
             "leaves": [{"id": x.key, "reason": x.reason} for x in c.left],
             "unexplained": self.saved.unexplained or None,
             "backlash": {
-                a: {"deg": _sig(v / DEG)} if chain.is_rotary(a) else {"mm": _sig(v / MM)} for a, v in c.backlash.items()
+                a: {"deg": significant(v / DEG)} if chain.is_rotary(a) else {"mm": significant(v / MM)}
+                for a, v in c.backlash.items()
             },
             "tables": [
                 {
@@ -158,32 +160,32 @@ class Compensation:
                 for t in c.tables
             ],
             "kinematics": {
-                e.name: {"urad": _sig(c.kinematics[e.name] / UM)}
+                e.name: {"urad": significant(c.kinematics[e.name] / UM)}
                 if e.rotation
-                else {"mm": _sig(c.kinematics[e.name] / MM)}
+                else {"mm": significant(c.kinematics[e.name] / MM)}
                 for e in chain.location_errors
                 if e.name in c.kinematics
             },
-            "position_gains_per_s": {a: _sig(g) for a, g in c.gains.items()},
+            "position_gains_per_s": {a: significant(g) for a, g in c.gains.items()},
             "friction_pulses": {
                 a: {
-                    "deg_min" if chain.is_rotary(a) else "mm_min": _sig(p.speed / scale(chain, a) * 60.0),
-                    "time_s": _sig(p.time),
+                    "deg_min" if chain.is_rotary(a) else "mm_min": significant(p.speed / scale(chain, a) * 60.0),
+                    "time_s": significant(p.time),
                     "removes": round(p.removes, 3),
                 }
                 for a, p in c.pulses.items()
             },
             "forecast": {
                 "programs": "tool centre point control" if self.control.settings.transforms else "axis positions",
-                "rms_before_um": _r(before),
-                "rms_after_um": _r(after),
-                "rms_perfect_um": _r(perfect),
+                "rms_before_um": rounded_um(before),
+                "rms_after_um": rounded_um(after),
+                "rms_perfect_um": rounded_um(perfect),
                 "gone": None if self.forecast.gone is None else round(self.forecast.gone, 4),
                 "tests": [
                     dict(
                         zip(
                             ("name", "before_um", "after_um", "perfect_um"),
-                            (t.test.name, *map(_r, t.rms())),
+                            (t.test.name, *map(rounded_um, t.rms())),
                             strict=True,
                         )
                     )
@@ -192,11 +194,3 @@ class Compensation:
             },
             "files": list(self.files),
         }
-
-
-def _r(x: float) -> float:
-    return round(float(x / UM), 4)
-
-
-def _sig(x: float) -> float:
-    return float(f"{x:.6g}")

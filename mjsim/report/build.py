@@ -17,7 +17,7 @@ from mjsim.commands.diagnosis import Diagnosis
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.commands.saved import saved_of
 from mjsim.compensation.compensate import compensate
-from mjsim.digits import decimals_of, half_of, wave_ends
+from mjsim.digits import decimals_of, half_of, rounded_um, wave_ends
 from mjsim.effects import registry
 from mjsim.effects.registry import kinds
 from mjsim.inference.problem import Problem
@@ -552,13 +552,13 @@ def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | 
             ("Effects in the model as given", ", ".join(e.key for e in m.effects) or "none"),
         ],
         "models": [
-            ModelRow(x.label, _um(x.comparison.rms), [_um(t.rms) for t in x.comparison.tests], x.what,
+            ModelRow(x.label, rounded_um(x.comparison.rms), [rounded_um(t.rms) for t in x.comparison.tests], x.what,
                 x.how) for x in models
         ],
         "start": start,
         "tests": [_section(b, a, before.noise, changed=before is not after) for b, a in zip(before.tests, after.tests,
         strict=True)],
-        "noise_um": _um(before.noise),
+        "noise_um": rounded_um(before.noise),
         "noise_source": before.noise_source,
         "setups": setups,
         "length_offset_um": round(after.length / UM, 2) if any(not t.test.component for t in after.tests) else None,
@@ -583,10 +583,6 @@ def _content(models: list[Model], start: int, final: Machine, repairs: WhatIf | 
     }  # fmt: skip
 
 
-def _um(x: float) -> float:
-    return round(float(x / UM), 4)
-
-
 def _both(figures: dict) -> BidirectionalFigures:
     return BidirectionalFigures(**_tuples(figures))
 
@@ -606,8 +602,8 @@ def _section(before: ComparedBarTest, after: ComparedBarTest, noise: float, chan
         before=polar_traces(before),
         after=polar_traces(after) if changed else (),
         residual=residual_trace(after, noise),
-        rms_before_um=_um(before.rms),
-        rms_after_um=_um(after.rms) if changed else None,
+        rms_before_um=rounded_um(before.rms),
+        rms_after_um=rounded_um(after.rms) if changed else None,
         measured=_circular(before.iso.get("measured")),
         simulated_before=_circular(before.iso.get("simulated")),
         simulated_after=_circular(after.iso.get("simulated")) if changed else None,
