@@ -12,9 +12,8 @@ from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
 from mjsim.workbench.jobs import Jobs
 from mjsim.workbench.overlay import DRIVES, MULTIBODY, Overlay
-from mjsim.workbench.picture import most_changed
 from mjsim.workbench.recordings import RecordingsBench
-from mjsim.workbench.state import Workbench
+from mjsim.workbench.state import Workbench, most_changed
 
 #: The page has so long to draw the shown test before the others are fitted, which takes both cores, s.
 _PICTURE = 0.08

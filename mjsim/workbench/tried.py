@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Any
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
-from mjsim.units import UM
 from mjsim.workbench import catalogue
 from mjsim.workbench import save as saving
-from mjsim.workbench.gains import Gain, Gains
-from mjsim.workbench.overlay import OpenCampaign, Overlay, Readings, overlay, with_one
+from mjsim.workbench.gains import Gain
 
 # -- the ladder of the workbench ---------------------------------------------------------------------------------------
 
@@ -120,20 +117,6 @@ class Ladder:
         for i, rung in enumerate(self.rungs):
             if rung.machine is machine:
                 self.rungs[i] = replace(rung, rms=rms, engine=engine)
-
-
-class Shared:
-    """What all workbenches of one campaign share: the campaign, simulated readings, signatures.
-
-    Args:
-        opened: The campaign.
-    """
-
-    def __init__(self, opened: OpenCampaign) -> None:
-        self.opened = opened
-        self.readings = Readings(opened)
-        self.gains = Gains(opened) if opened.problem is not None else None
-        self.text = read_text(opened.machine.path) if opened.machine.path else ""
 
 
 class ChangedModel:
@@ -293,76 +276,3 @@ class ChangedModel:
     def redo(self) -> bool:
         """Go forward again by one model; whether there was one."""
         return self.ladder.redo()
-
-
-class TriedModel(ChangedModel):
-    """A model of a ball-bar campaign that is changed effect by effect, with its error.
-
-    Args:
-        shared: Of the campaign.
-    """
-
-    def __init__(self, shared: Shared) -> None:
-        super().__init__(shared.opened.campaign, shared.opened.machine, shared.text)
-        self.shared, self.opened = shared, shared.opened
-
-    @property
-    def can_fit(self) -> bool:
-        """Whether a test was measured."""
-        return self.shared.gains is not None
-
-    def quick(self, machine: Machine | None = None) -> Overlay:
-        """The present model (or another one) over all tests, with what is there of the multibody model and the drives
-        alone for the rest; some 0.1 s.
-
-        Raises:
-            InputError: An effect acts on what the machine does not have.
-            SimulationError: A drive is unstable.
-        """
-        machine = machine or self.machine
-        kept = self.shared.readings.kept(machine)
-        missing = [t.name for t in self.opened.tests if t.name not in kept]
-        alone = self.shared.readings.drives_alone(machine, missing) if missing else {}
-        return self._noted(overlay(self.opened, machine, alone | kept))
-
-    def quick_one(self, name: str, now: Overlay) -> Overlay:
-        """One test of the present model beside the other tests of an earlier overlay: what a page can show first; some
-        0.01 s.
-
-        Raises:
-            InputError: An effect acts on what the machine does not have.
-            SimulationError: A drive is unstable.
-        """
-        machine, readings = self.machine, self.shared.readings
-        found = readings.kept(machine, [name]) or readings.drives_alone(machine, [name])
-        return with_one(self.opened, machine, name, found[name], now)
-
-    def full(self, names: Sequence[str] | None = None, machine: Machine | None = None) -> Overlay:
-        """As :meth:`quick`, after some tests (all) were simulated in the multibody model.
-
-        Args:
-            names: Of the tests.
-            machine: In place of the present model.
-
-        Raises:
-            InputError: There is no multibody model of such a machine.
-            SimulationError: The simulation cannot be trusted.
-        """
-        machine = machine or self.machine
-        self.shared.readings.multibody(machine, names if names is not None else [t.name for t in self.opened.tests])
-        return self.quick(machine)
-
-    def _noted(self, result: Overlay) -> Overlay:
-        if result.rms is not None:
-            self.ladder.note(result.machine, result.rms, result.engine)
-        return result
-
-    @property
-    def noise(self) -> float | None:
-        """RMS of one sample's noise, m; ``None`` where nothing was measured."""
-        return self.opened.problem.noise.rms if self.opened.problem is not None else None
-
-    def __repr__(self) -> str:
-        rms = self.ladder.present.rms
-        error = f", residual RMS {rms / UM:.3f} µm ({self.ladder.present.engine})" if rms is not None else ""
-        return f"<{type(self).__name__} {self.campaign.name}: {self.ladder.present.label}{error}>"

@@ -12,8 +12,7 @@ from mjsim.workbench.bodies import MachineBodies, stl_of
 from mjsim.workbench.live import Live, RecordingsLive
 from mjsim.workbench.page.desk import Desk
 from mjsim.workbench.page.recordings import RecordingsDesk
-from mjsim.workbench.state import Workbench, bench_of, shared_of
-from mjsim.workbench.tried import Shared
+from mjsim.workbench.state import Shared, Workbench, bench_of, shared_of
 
 #: Tabs whose state is kept, the ones closed last included.
 _TABS = 12
