@@ -209,21 +209,9 @@ def build(machine: Machine) -> Plant:
     Raises:
         InputError: an effect acts on what this machine does not have.
     """
-    axes = {
-        a: AxisPlant(
-            d.gear,
-            d.position_gain,
-            d.velocity_gain,
-            d.integral_time,
-            d.inertia,
-            d.viscous,
-            d.gravity,
-            d.feedforward,
-            encoder=d.encoder,
-            control=d.control,
-        )
-        for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
-    }
+    named = [f.name for f in fields(Drive) if f.name not in ("axis", "torque_constant")]
+    drives = {a: machine.drives[a] for a in machine.chain.letters}
+    axes = {a: AxisPlant(**{n: getattr(d, n) for n in named}) for a, d in drives.items()}
     plant = Plant(axes, chain=machine.chain, temperatures=machine.temperatures)
     for effect in machine.effects:
         if effect.subject not in (allowed := effect.subjects_of(machine.chain)):
