@@ -37,10 +37,10 @@ from mjsim.instruments.ball_bar.program import driven_by as driven_by
 from mjsim.linuxcnc.configuration import Settings as LinuxCNCSettings
 from mjsim.linuxcnc.run import run_test as run_on_linuxcnc
 from mjsim.machine.effect import Effect as Effect
-from mjsim.machine.hints import SearchHints as SearchHints
-from mjsim.machine.motion import Motion as Motion
-from mjsim.machine.parameter import Parameter as Parameter
-from mjsim.machine.remedy import Remedy as Remedy
+from mjsim.machine.effect import Parameter as Parameter
+from mjsim.machine.effect import Remedy as Remedy
+from mjsim.machine.effect import SearchHints as SearchHints
+from mjsim.machine.plant import Motion as Motion
 from mjsim.nc.control import Control as Control
 from mjsim.nc.control import feed_report as feed_report
 from mjsim.nc.read import read_nc as read_nc

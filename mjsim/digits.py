@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from mjsim.units import UM
+
 #: Significant digits of a number that has no interval.
 _WITHOUT_INTERVAL = 4
 #: Most decimals of a printed number.
@@ -78,3 +80,8 @@ def wave_ends(intervals: Sequence | None, wave: int, column: int) -> tuple[float
         column: 1 for the amplitude, 2 for the phase.
     """
     return None if intervals is None else (intervals[0][wave][column], intervals[1][wave][column])
+
+
+def rounded_um(value: float) -> float:
+    """A length (m) in µm with four decimals, as JSON has it."""
+    return round(float(value / UM), 4)

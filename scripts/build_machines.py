@@ -17,13 +17,13 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from mjsim.campaign.machine_templates import LAYOUTS
-from mjsim.campaign.new_machine import new_machine
+from mjsim.campaign.new import new_machine
 from mjsim.cli.main import main as command
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import Placement, chain_of
-from mjsim.machine.modelling.scene import whole_scene
+from mjsim.machine.modelling import whole_scene
 from mjsim.units import DEG
 
 IMAGES = Path(__file__).resolve().parent.parent / "docs" / "images"

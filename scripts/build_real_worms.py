@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.new_machine import new_log_campaign
+from mjsim.campaign.new import new_log_campaign
 from mjsim.importing.logs import import_log
 from mjsim.inference.pitch.encoders import EncoderPitch, identify_from_encoders
 from mjsim.plots import style

@@ -15,7 +15,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import ACCELERATION, Settings
-from mjsim.linuxcnc.held import held_against
+from mjsim.linuxcnc.record import held_against
 from mjsim.linuxcnc.run import run_program
 from mjsim.nc.write import Options, nc_program
 

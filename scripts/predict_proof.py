@@ -36,9 +36,8 @@ from mjsim.commands.diagnose import diagnose  # noqa: E402
 from mjsim.commands.saved import keep, read_saved  # noqa: E402
 from mjsim.instruments.ball_bar.commanded import Commanded  # noqa: E402
 from mjsim.machine.chain import FIVE_AXIS  # noqa: E402
-from mjsim.prediction.pace import paced  # noqa: E402
 from mjsim.prediction.parts import part  # noqa: E402
-from mjsim.prediction.predict import WARM, predict  # noqa: E402
+from mjsim.prediction.predict import WARM, paced, predict  # noqa: E402
 
 #: Zero point of the parts; zero points that are 150 mm and more off every place of a table ball.
 ZERO = np.array([0.03, -0.02, 0.12])

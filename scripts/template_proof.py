@@ -33,7 +33,7 @@ from independent.layouts import layout
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, SIZES, TEMPLATES
-from mjsim.campaign.new_machine import machine_text
+from mjsim.campaign.new import machine_text
 from mjsim.commands.diagnose import diagnose
 from mjsim.io.files import finite
 from mjsim.machine.chain import chain_of

@@ -14,11 +14,10 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.errors import InputError
 from mjsim.machine.chain import Placement, chain_of
 from mjsim.machine.inverse import linear_positions, pose, solutions
-from mjsim.machine.kinematics import Geometry, reading, spindle_in_work, tool_direction
+from mjsim.machine.kinematics import Geometry, reading, sensitivity, spindle_in_work, tool_direction
 from mjsim.machine.model import Drive, Machine, build
 from mjsim.machine.plant import Op
 from mjsim.machine.redundant import visible_orders
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation import mjmodel
 from mjsim.simulation.bar import reading as compiled
 

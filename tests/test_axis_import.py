@@ -12,7 +12,7 @@ from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log
 from mjsim.importing.reading import Options
-from mjsim.instruments.axis_log.mistakes import log_mistakes
+from mjsim.instruments.axis_log.instrument import log_mistakes
 from mjsim.io.resources import examples
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 

@@ -9,8 +9,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
 from mjsim.commands.axis_log.compare import checked_logs
 from mjsim.errors import InputError, SimulationError
-from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
-from mjsim.instruments.axis_log.measurement import recorded_axes
+from mjsim.instruments.axis_log.measurement import circle_part, radial_deviation, recorded_axes
 from mjsim.machine.model import build
 from mjsim.simulation.stability import check_stable
 

@@ -38,7 +38,7 @@ def test_a_hidden_cause_is_named(name, tmp_path, monkeypatch):
     from diagnosis_score import score
 
     # the next test is planned after the cause is named, and takes longer; tests/test_planning.py looks at it
-    monkeypatch.setattr("mjsim.commands.ball_bar.diagnose.plan_for", lambda *args, **options: None)
+    monkeypatch.setattr("mjsim.commands.diagnose.plan_for", lambda *args, **options: None)
     case = cases()[name]
     assert case.half == "tune"  # the published half is not looked at here
     answer = campaign.write(case, tmp_path)

@@ -16,7 +16,7 @@ from mjsim.inference.budget import Budget
 from mjsim.inference.calibration import calibrated_effects
 from mjsim.inference.shares import Calibration
 from mjsim.plots.waterfall import Fall, waterfall_figure
-from mjsim.report import causes, models, whatif
+from mjsim.report import causes, whatif
 from mjsim.report.page import render
 
 TOLERANCE = {"backlash": {"um": 0.8, "deg": 0.0008}, "squareness": {"urad": 24.0}, "pitch_error": {"deg": 0.0014}}
@@ -136,8 +136,8 @@ def test_effects_within_tolerance_are_one_row_of_the_repairs(result):
     )
     rows = whatif.causes(changed, machine, {"backlash.A"}, {"squareness.XY"})
     names = [c.name for c in rows]
-    assert models.WITHIN in names and "backlash.A" in names and "squareness.XY" not in names
-    within = next(c for c in rows if c.name == models.WITHIN)
+    assert whatif.WITHIN in names and "backlash.A" in names and "squareness.XY" not in names
+    within = next(c for c in rows if c.name == whatif.WITHIN)
     assert within.machine.effect("squareness.XY") is None and within.machine.effect("backlash.A") is not None
 
 

@@ -23,9 +23,8 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, Chain, chain_of
 from mjsim.machine.inverse import aim
-from mjsim.machine.kinematics import Geometry, bar_vector, machine_to_work, reading, work_to_machine
+from mjsim.machine.kinematics import Geometry, bar_vector, machine_to_work, reading, sensitivity, work_to_machine
 from mjsim.machine.model import Machine, build
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.bar import reading as compiled
 from mjsim.simulation.multibody import simulate

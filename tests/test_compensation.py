@@ -21,10 +21,7 @@ from mjsim.compensation.arithmetic import Arithmetic, corrected, directions, ram
 from mjsim.compensation.compensate import compensate, write_compensation
 from mjsim.compensation.controls import CONTROLS, Settings, control
 from mjsim.compensation.forecast import forecast
-from mjsim.compensation.quadrant import Pulse, tuned
-from mjsim.compensation.tables import Corrections, Grid, sampled
-from mjsim.compensation.terms import wanted_of
-from mjsim.compensation.worth import worth_typing
+from mjsim.compensation.tables import Corrections, Grid, Pulse, sampled, tuned, wanted_of, worth_typing
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.posterior import Posterior

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from mjsim.campaign.files import read_campaign
-from mjsim.campaign.new_machine import new_log_campaign
+from mjsim.campaign.new import new_log_campaign
 from mjsim.cli.main import main
 from mjsim.errors import InputError
 from mjsim.importing.formats import read_any

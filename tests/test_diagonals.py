@@ -9,7 +9,7 @@ from mjsim.campaign.machine_file import machine_of
 from mjsim.commands.any_instrument import compare_plainly
 from mjsim.errors import InputError
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.instruments.positions.mistakes import position_mistakes
+from mjsim.instruments.positions.instrument import position_mistakes
 
 LOW, HIGH = {"X": -100.0, "Y": -80.0, "Z": -60.0}, {"X": 100.0, "Y": 80.0, "Z": 60.0}
 LENGTH = float(np.linalg.norm([HIGH[a] - LOW[a] for a in "XYZ"]))

@@ -9,7 +9,7 @@ from test_control_files import guide_log, run
 
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.new_machine import new_log_campaign
+from mjsim.campaign.new import new_log_campaign
 from mjsim.errors import InputError
 from mjsim.inference.pitch.encoders import TURNS, identify_from_encoders
 from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest, Recorder, Recording

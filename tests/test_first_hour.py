@@ -15,12 +15,11 @@ from mjsim.cli.compare import left_out_sentence
 from mjsim.cli.main import main
 from mjsim.cli.plan import show
 from mjsim.commands import edit
-from mjsim.commands.ball_bar.check import evidence_of
-from mjsim.importing.header import test_keys as keys_of_header
+from mjsim.commands.check import evidence_of
+from mjsim.importing.sources import test_keys as keys_of_header
 from mjsim.inference.planning.next_test import Plan
 from mjsim.inference.planning.separation import Separation
-from mjsim.instruments.ball_bar.program import Program
-from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
+from mjsim.instruments.ball_bar.program import Program, range_warning, speed_warnings
 
 NAME = "circle-xy-ccw"
 

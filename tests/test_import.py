@@ -16,7 +16,7 @@ from commands import refused, run, snapshot
 import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.errors import InputError
-from mjsim.importing.timing import times_of
+from mjsim.importing.importer import times_of
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 

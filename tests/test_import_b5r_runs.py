@@ -13,7 +13,7 @@ from test_import import folder as folder  # a fixture
 import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.errors import InputError
-from mjsim.importing.b5r_runs import read_recorded
+from mjsim.importing.b5r import read_recorded
 from mjsim.importing.reading import Options
 
 COUNT = 720

@@ -7,7 +7,7 @@ that of the forward one; here that number is from its own table of means.
 import numpy as np
 import pytest
 
-from mjsim.instruments.positions.iso230_2 import positioning_figures
+from mjsim.instruments.positions.instrument import positioning_figures
 
 TARGETS = [15.0, 25.2, 35.4, 45.6, 55.8]
 #: Deviations x(i, j) in mm, one row a position.

@@ -16,7 +16,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.commands.axis_log.judge import Judge
-from mjsim.commands.both_instruments import diagnose_jointly
+from mjsim.commands.diagnose import diagnose_jointly
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
 from mjsim.errors import InputError

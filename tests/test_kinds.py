@@ -10,7 +10,7 @@ import pytest
 
 import mjsim
 from mjsim.campaign.files import campaign_from
-from mjsim.importing.names import options
+from mjsim.importing.into_campaign import options
 from mjsim.instruments.ball_bar import files
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.program import Program

@@ -10,9 +10,8 @@ import pytest
 
 from mjsim.effects.registry import make
 from mjsim.machine.chain import FIVE_AXIS
-from mjsim.machine.kinematics import Geometry, bar_vector, reading, rotation, table_ball, work_to_machine
+from mjsim.machine.kinematics import Geometry, bar_vector, reading, rotation, sensitivity, table_ball, work_to_machine
 from mjsim.machine.model import build
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation import bar, mjmodel
 
 BALL = np.array([0.083, -0.047, 0.155])

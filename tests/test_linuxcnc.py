@@ -21,11 +21,9 @@ from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
-from mjsim.linuxcnc import installed
 from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, write_configuration
-from mjsim.linuxcnc.held import held_against
-from mjsim.linuxcnc.record import Record
-from mjsim.linuxcnc.run import _Busy, _starved, run_program
+from mjsim.linuxcnc.record import Record, held_against
+from mjsim.linuxcnc.run import _Busy, _starved, missing, run_program
 from mjsim.machine.chain import FIVE_AXIS, Placement, chain_of
 from mjsim.nc.control import block_times, linuxcnc
 from mjsim.nc.read import parse_nc
@@ -196,7 +194,7 @@ def test_the_joints_are_the_axes_in_order(tmp_path):
 
 
 def test_a_missing_control_is_one_sentence(tmp_path, monkeypatch):
-    monkeypatch.setattr(installed.shutil, "which", lambda name: None)
+    monkeypatch.setattr(shutil, "which", lambda name: None)
     folder = campaign(tmp_path)
     status, said = run("control", "linuxcnc", folder, "--test", "cone", "-o", folder / "r.csv")
     assert status == 1 and not (folder / "r.csv").exists()
@@ -254,7 +252,7 @@ def test_a_control_that_is_stuck_is_started_again(monkeypatch):
 
 @pytest.fixture(scope="module")
 def there():
-    if what := installed.missing():
+    if what := missing():
         pytest.skip(f"LinuxCNC cannot run here: {what} is missing")
 
 

@@ -21,11 +21,10 @@ from mjsim.instruments.ball_bar.follow import unwrapped
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import JOINT_ACCELERATION
 from mjsim.linuxcnc.configuration import Settings as LinuxCNC
-from mjsim.linuxcnc.installed import missing
-from mjsim.linuxcnc.run import run_test
+from mjsim.linuxcnc.run import missing, run_test
 from mjsim.machine.chain import FIVE_AXIS
+from mjsim.machine.kinematics import sensitivity
 from mjsim.machine.model import build
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.nc.write import Options
 from mjsim.simulation.axes import load_of
 from mjsim.simulation.bar import reading

@@ -20,7 +20,7 @@ from mjsim.inference.axis_logs.planning import LogPlanner, unmeasured
 from mjsim.inference.axis_logs.start import start_model
 from mjsim.inference.settings import DIAGNOSIS, PLAN
 from mjsim.instruments.axis_log.motions import Circle, Motion, proposals
-from mjsim.machine.reach import usual_speed
+from mjsim.machine.chain import usual_speed
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 FRICTION = Axis(coulomb=0.12)

@@ -10,8 +10,8 @@ from test_control_files import run
 from mjsim.campaign.files import read_campaign
 from mjsim.errors import SimulationError
 from mjsim.instruments.axis_log import signals
+from mjsim.instruments.axis_log.instrument import log_mistakes
 from mjsim.instruments.axis_log.measurement import AxisRecord, LogTest, Recorder, Recording
-from mjsim.instruments.axis_log.mistakes import log_mistakes
 from mjsim.machine.chain import chain_of
 from mjsim.machine.control import Control, Law
 from mjsim.machine.plant import AxisPlant

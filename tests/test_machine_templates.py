@@ -10,7 +10,7 @@ from commands import as_json, ok, run
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES, TEMPLATES
-from mjsim.campaign.new_machine import machine_text
+from mjsim.campaign.new import machine_text
 from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_block, sheet_of
 from mjsim.inference.planning.whole_campaign import CampaignPlanner
 from mjsim.machine.chain import FIVE_AXIS

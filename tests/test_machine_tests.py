@@ -13,9 +13,8 @@ from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
-from mjsim.machine.chain import chain_of
-from mjsim.machine.modelling.mjcf import machine_xml
-from mjsim.machine.reach import usual_travel
+from mjsim.machine.chain import chain_of, usual_travel
+from mjsim.machine.modelling import machine_xml
 from mjsim.units import DEG
 
 

@@ -15,13 +15,15 @@ import trimesh
 
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
-from mjsim.machine.modelling import five_axis
-from mjsim.machine.modelling.folder import differences, write_folder
-from mjsim.machine.modelling.mjcf import machine_xml
-from mjsim.machine.modelling.pieces import cylinder, loft
+from mjsim.machine.modelling import machine_xml
 from mjsim.simulation.mjmodel import build_model
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "scripts"))
+
+import build_solids  # noqa: E402
+from build_solids import cylinder, differences, loft, write_folder  # noqa: E402
+
 XML = ROOT / "models" / "five_axis.xml"
 SCENE = ROOT / "models" / "scene.xml"
 AXES = "XYZAC"
@@ -286,7 +288,7 @@ def test_assets_are_closed_and_reproducible(tmp_path):
         assert mesh.is_winding_consistent, path.name
         assert mesh.volume > 0, path.name
     done = subprocess.run(
-        [sys.executable, "-m", "mjsim.machine.modelling", "--check"], cwd=ROOT, capture_output=True, text=True
+        [sys.executable, ROOT / "scripts" / "build_solids.py", "--check"], cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -295,7 +297,7 @@ def test_a_folder_is_written_whole_and_compared(tmp_path):
     (tmp_path / "assets").mkdir()
     (tmp_path / "assets" / "old.stl").write_bytes(b"of another machine")
     (tmp_path / "README.md").write_text("mine")
-    machine = five_axis.machine()
+    machine = build_solids.machine()
     write_folder(machine, tmp_path)
     assert differences(machine, tmp_path) == [] and (tmp_path / "README.md").read_text() == "mine"
     assert (tmp_path / "five_axis.xml").read_bytes() == XML.read_bytes()
@@ -318,10 +320,12 @@ TABLE_SIDE = ("bed", "y_slide", "cradle", "table", "table_fixture")
 def solids() -> tuple[mujoco.MjModel, dict[str, list[int]]]:
     """The machine with every convex piece of its solids as a geom, and the pieces' numbers by body."""
     spec = mujoco.MjSpec.from_file(str(XML))
-    machine = five_axis.machine()
+    machine = build_solids.machine()
     hollow = {"table_top", "table_scale", "table_mark"}  # inside the disc below, or paint
     made = {(b.name, p.mesh): p.pieces for b in machine.bodies for p in b.parts if p.mesh not in hollow}
-    made["table", "disc"] = [cylinder("z", five_axis.DIMENSIONS.table_radius, 0.055, five_axis.DIMENSIONS.table_top)]
+    made["table", "disc"] = [
+        cylinder("z", build_solids.DIMENSIONS.table_radius, 0.055, build_solids.DIMENSIONS.table_top)
+    ]
     names: dict[str, list[str]] = {}
     for (body, mesh), pieces in made.items():
         for k, (vertices, faces) in enumerate(c for piece in pieces for c in convex(piece)):

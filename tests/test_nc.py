@@ -5,7 +5,7 @@ condition.
 import numpy as np
 import pytest
 
-from mjsim.instruments.ball_bar.feed import ACCELERATION, trapezoid
+from mjsim.instruments.ball_bar.follow import ACCELERATION, trapezoid
 from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS

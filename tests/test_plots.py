@@ -13,8 +13,7 @@ from mjsim.errors import InputError
 from mjsim.plots import series, style
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
-from mjsim.plots.overview import overview_figure
-from mjsim.plots.polar import PolarTrace, division_um, polar_figure, scale_text
+from mjsim.plots.polar import PolarTrace, division_um, overview_figure, polar_figure, scale_text
 from mjsim.plots.residual import ResidualTrace, residual_figure, reversal_angles, spread
 from mjsim.plots.save import encode, save
 
@@ -320,7 +319,7 @@ def test_threads_give_the_same_bytes():
 
 def test_importing_the_plots_does_not_import_matplotlib_nor_pyplot():
     code = (
-        "import sys; import mjsim.plots.polar, mjsim.plots.residual, mjsim.plots.ladder, mjsim.plots.overview, "
+        "import sys; import mjsim.plots.polar, mjsim.plots.residual, mjsim.plots.ladder, mjsim.plots.polar, "
         "mjsim.plots.save\n"
         "assert 'matplotlib' not in sys.modules\n"
         "mjsim.plots.ladder.ladder_figure([mjsim.plots.ladder.LadderStep('a', 1.0)])\n"

@@ -15,9 +15,8 @@ from mjsim.errors import InputError
 from mjsim.inference.at_rest import RestFitter, RestProblem
 from mjsim.inference.calibration import expected_effects
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.instruments.positions.files import read_readings, trace_text
-from mjsim.instruments.positions.mistakes import position_mistakes, position_remarks
-from mjsim.report.beside import answer_of, section_of_points
+from mjsim.instruments.positions.instrument import position_mistakes, position_remarks, read_readings, trace_text
+from mjsim.report.write import answer_of, section_of_points
 from mjsim.units import DEG, UM
 from tests.independent import positions
 

@@ -21,11 +21,10 @@ from mjsim.inference.posterior import Posterior
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS, chain_of
-from mjsim.prediction.contour import contour
-from mjsim.prediction.pace import LINEAR, ROTARY, paced
+from mjsim.prediction.causes import contour
 from mjsim.prediction.part_run import program_of
 from mjsim.prediction.parts import PARTS, part
-from mjsim.prediction.predict import predict
+from mjsim.prediction.predict import LINEAR, ROTARY, paced, predict
 from mjsim.units import MM, UM
 
 ZERO = (0.04, 0.01, 0.12)

@@ -11,12 +11,10 @@ from commands import printed as run
 
 import mjsim
 from mjsim.errors import InputError
-from mjsim.instruments.sphere.measurement import SphereTest
-from mjsim.instruments.sphere.touches import centre_of, centres_of_log, sides_of_points
+from mjsim.instruments.sphere.measurement import SphereTest, centre_of, centres_of_log, sides_of_points
 from mjsim.io.resources import examples
 from mjsim.linuxcnc.configuration import Settings
-from mjsim.linuxcnc.installed import missing
-from mjsim.linuxcnc.run import run_program
+from mjsim.linuxcnc.run import missing, run_program
 from mjsim.machine.chain import chain_of
 from mjsim.nc.probing import Probing, probing_program
 from mjsim.units import DEG, MM, UM

@@ -19,10 +19,9 @@ from mjsim.inference.mistakes.checked_problem import trusted_problem
 from mjsim.inference.nuisance import NEST_ANGLE, NEST_GAIN, SPHERE, set_up_columns
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import FIVE_AXIS
-from mjsim.machine.kinematics import Geometry, rotation
+from mjsim.machine.kinematics import Geometry, rotation, sensitivity
 from mjsim.machine.kinematics import reading as reference
 from mjsim.machine.model import build
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.nc.read import read_nc
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.bar import reading_in

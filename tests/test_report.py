@@ -22,13 +22,13 @@ from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, circular_fig
 from mjsim.io.resources import examples
 from mjsim.machine.axis import is_rotary
 from mjsim.machine.chain import FIVE_AXIS
-from mjsim.machine.remedy import UNKNOWN
+from mjsim.machine.effect import UNKNOWN
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
 from mjsim.plots.trend import TrendSeries, trend_figure
 from mjsim.prediction.part_run import PartRun
-from mjsim.report import answer, numbers, trend, whatif
-from mjsim.report.build import part_sections
+from mjsim.report import build, content, trend, whatif
+from mjsim.report.build import kept, part_sections, steps
 from mjsim.report.content import (
     BidirectionalRow,
     Finding,
@@ -41,9 +41,11 @@ from mjsim.report.content import (
     SetUpRow,
     TestSection,
     WhatIf,
+    interval,
+    percent_removed,
+    um,
 )
 from mjsim.report.page import asset, at, render, render_trend, script_json
-from mjsim.report.traces import kept, steps
 from mjsim.report.write import check_same_machine
 
 PHI = np.linspace(0.0, 720.0, 1441)
@@ -309,8 +311,8 @@ def test_missing_numbers_are_dashes():
 )
 def test_estimates_are_rounded_by_their_interval(value, low, high, shown, span):
     parameter = ParameterRow("p", value, low, high)
-    assert numbers.estimate(parameter) == shown
-    assert numbers.interval(parameter) == span
+    assert content.estimate(parameter) == shown
+    assert interval(parameter) == span
 
 
 def test_the_page_has_the_budget_of_every_number():
@@ -342,10 +344,10 @@ def test_every_interval_on_the_page_has_two_digits(tmp_path):
 
 
 def test_numbers_have_no_negative_zero_and_no_nan():
-    assert numbers.um(-0.001) == "0.00"
-    assert numbers.um(None) == numbers.um(float("nan")) == "–"
-    assert numbers.percent_removed(2.0, 1.0) == "75.0 %"
-    assert numbers.percent_removed(0.0, 1.0) == "–"
+    assert um(-0.001) == "0.00"
+    assert um(None) == um(float("nan")) == "–"
+    assert percent_removed(2.0, 1.0) == "75.0 %"
+    assert percent_removed(0.0, 1.0) == "–"
 
 
 @pytest.mark.parametrize(
@@ -398,23 +400,23 @@ def test_steps_of_a_list_add_up_to_it():
     ],
 )
 def test_the_answer_names_cause_and_size(effect, said):
-    assert answer.sized(effect) == said
+    assert build.sized(effect) == said
 
 
 def test_the_answer_compares_with_the_machine_file(m1):
     former = m1.effect("friction.Y")
     torque = former.values["coulomb_Nm"]
-    assert answer.sized(former.replaced(coulomb_Nm=1.5 * torque), former).endswith(
+    assert build.sized(former.replaced(coulomb_Nm=1.5 * torque), former).endswith(
         "(about 50 % above the machine file's)"
     )
-    assert answer.sized(former.replaced(coulomb_Nm=0.8 * torque), former).endswith(
+    assert build.sized(former.replaced(coulomb_Nm=0.8 * torque), former).endswith(
         "(about 20 % below the machine file's)"
     )
 
 
 def test_every_effect_of_the_catalogue_has_a_name_and_a_remedy():
     for cls in (c for c in registry.kinds().values() if c.__module__.startswith("mjsim.effects")):
-        assert answer.noun(cls) and cls.remedy is not UNKNOWN
+        assert build.noun(cls) and cls.remedy is not UNKNOWN
         assert cls.remedy.kind in ("adjust", "compensate", "maintain", "share") and cls.remedy.text.endswith(".")
 
 
@@ -441,7 +443,7 @@ def test_a_remedy_fits_the_axis():
     ],
 )
 def test_an_alternative_is_named_without_its_size(effect_id, said):
-    assert answer._named(effect_id) == said
+    assert build._named(effect_id) == said
 
 
 def _found(effect, alternatives=(), shares=(None,)):
@@ -486,8 +488,8 @@ NEXT = {
 def test_the_first_box_names_the_answer(m1, verdict, effects, following, lines, sentence):
     before = SimpleNamespace(machine=m1, tests=range(7))
     result = SimpleNamespace(effects=effects, before=before, unexplained=None, verdict=verdict, next_test=following)
-    assert answer.headlines(result) == lines
-    assert answer.explained(result) == sentence
+    assert build.headlines(result) == lines
+    assert build.explained(result) == sentence
     page = html.unescape(_plain(render(_content(answer=lines, verdict_sentence=sentence))))
     assert " ".join(lines) in page and sentence in page
 
@@ -495,7 +497,7 @@ def test_the_first_box_names_the_answer(m1, verdict, effects, following, lines, 
 def test_many_causes_leave_the_first_box_short(m1):
     found = [_found(make("scale_error.X", ppm=float(i + 1))) for i in range(9)]
     result = SimpleNamespace(effects=found, before=SimpleNamespace(machine=m1), unexplained=None)
-    lines = answer.headlines(result)
+    lines = build.headlines(result)
     assert len(lines) == 5 and lines[-1] == "And 5 smaller causes, each with its share in the table."
     rows = [dataclasses.replace(_content().findings[0], rms_before_um=None, rms_after_um=None) for _ in range(9)]
     page = render(_content(findings=rows))

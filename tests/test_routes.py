@@ -17,7 +17,7 @@ from mjsim.commands import at_rest, plan_at_rest
 from mjsim.commands.diagnose import diagnose
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.commands.plan import plan
-from mjsim.commands.plan_positions import plan_targets
+from mjsim.commands.plan_at_rest import plan_targets
 from mjsim.inference.at_rest import RestFitter
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.planning.at_rest import Open, RestPlanner, planned_problem

@@ -18,9 +18,9 @@ from mjsim.animation.scene import scene_of
 from mjsim.campaign.chain_file import chain_of_file
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_document, read_machine
-from mjsim.campaign.new_machine import new_log_campaign, new_machine
+from mjsim.campaign.new import new_log_campaign, new_machine
 from mjsim.compensation.controls import CONTROLS, control
-from mjsim.compensation.terms import wanted_of
+from mjsim.compensation.tables import wanted_of
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log
@@ -32,12 +32,10 @@ from mjsim.io.resources import examples
 from mjsim.linuxcnc import configuration
 from mjsim.linuxcnc.configuration import Settings, kinematics, write_configuration
 from mjsim.machine.bodies import model_spec
-from mjsim.machine.chain import FIVE_AXIS, SENSES, Placement, chain_of
-from mjsim.machine.kinematics import Geometry, reading, spindle_in_work
+from mjsim.machine.chain import FIVE_AXIS, SENSES, Placement, chain_of, usual_travel
+from mjsim.machine.kinematics import Geometry, reading, sensitivity, spindle_in_work
 from mjsim.machine.model import build
 from mjsim.machine.plant import BUMP
-from mjsim.machine.reach import usual_travel
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.nc.limits import model_limits
 from mjsim.nc.read import parse_nc
 from mjsim.nc.write import Options, nc_program

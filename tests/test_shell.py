@@ -20,7 +20,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.new import TEMPLATE
 from mjsim.cli import common
 from mjsim.effects import registry
-from mjsim.instruments.ball_bar import tables
+from mjsim.instruments.ball_bar import files
 from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
@@ -62,7 +62,7 @@ def test_the_template_explains_its_keys_and_what_is_commented_out_is_right_too(t
     if name == "campaign.toml":
         before, after = tomlkit.parse(text)["test"], read_campaign(tmp_path / "c").tests
         keys, more = {k for t in tomlkit.parse(bare)["test"] for k in t}, 4
-        assert keys >= set(all_keys()) and keys <= set(tables.ball_bar_table().model_fields)
+        assert keys >= set(all_keys()) and keys <= set(files.ball_bar_table().model_fields)
     else:
         before, after, more = tomlkit.parse(text)["effect"], mjsim.read_machine(tmp_path / "c" / name).effects, 2
     assert len(after) == len(before) + more

@@ -15,8 +15,7 @@ from mjsim.commands.any_instrument import compare_plainly
 from mjsim.errors import InputError
 from mjsim.inference.at_rest import RestProblem, RestSearch
 from mjsim.inference.posterior import Posterior
-from mjsim.instruments.sphere.classical import circle_through, location_errors
-from mjsim.instruments.sphere.files import read_points, trace_text
+from mjsim.instruments.sphere.instrument import circle_through, location_errors, read_points, trace_text
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.units import DEG, UM
 from tests.independent import sphere

@@ -24,14 +24,13 @@ from mjsim.campaign.machine_file import machine_document, read_machine
 from mjsim.commands.history import read_history
 from mjsim.effects import registry
 from mjsim.errors import InputError
-from mjsim.importing.b5r import read_b5r
-from mjsim.importing.b5r_runs import read_recorded
+from mjsim.importing.b5r import read_b5r, read_recorded
 from mjsim.importing.features import beside, imported_features
 from mjsim.importing.importer import import_traces
 from mjsim.importing.reading import Options
+from mjsim.instruments.ball_bar.files import read_trace
 from mjsim.instruments.ball_bar.measurement import BallBarData
 from mjsim.instruments.ball_bar.program import Program
-from mjsim.instruments.ball_bar.traces import read_trace
 from mjsim.io.resources import examples
 from mjsim.nc.read import read_nc
 from mjsim.nc.write import nc_program

@@ -8,8 +8,7 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.errors import InputError
 from mjsim.importing.formats import read_any
-from mjsim.importing.log_columns import columns_of
-from mjsim.importing.logs import import_log
+from mjsim.importing.logs import columns_of, import_log
 from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.machine.chain import FIVE_AXIS, chain_of

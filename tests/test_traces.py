@@ -10,9 +10,9 @@ from commands import CAMPAIGN, as_json, ok, refused
 
 from mjsim.campaign.files import campaign_from, read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.instruments.ball_bar.files import read_trace, saturated
 from mjsim.instruments.ball_bar.files import test_table as table_of
 from mjsim.instruments.ball_bar.measurement import BallBarData
-from mjsim.instruments.ball_bar.traces import read_trace, saturated
 from mjsim.io.resources import examples
 from mjsim.units import UM
 

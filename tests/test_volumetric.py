@@ -7,7 +7,7 @@ import pytest
 from commands import as_json, ok, run
 
 from mjsim.compensation.controls import control
-from mjsim.compensation.terms import wanted_of
+from mjsim.compensation.tables import wanted_of
 from mjsim.effects.registry import make
 from mjsim.errors import InputError
 from mjsim.inference.effect_vector import EffectVector

@@ -20,14 +20,15 @@ from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.temperatures import Temperatures
 from mjsim.prediction.part_run import PartRun
-from mjsim.workbench import axis_data, catalogue, lines
+from mjsim.workbench import catalogue, lines
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.jobs import Stopped
-from mjsim.workbench.ladder import Ladder
 from mjsim.workbench.live import Live
-from mjsim.workbench.readings import DRIVES, MULTIBODY
+from mjsim.workbench.overlay import DRIVES, MULTIBODY
+from mjsim.workbench.page import traces
 from mjsim.workbench.save import changes
 from mjsim.workbench.state import Workbench
+from mjsim.workbench.tried import Ladder
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +85,7 @@ def test_a_test_that_is_there_is_not_simulated_again(bench, monkeypatch):
     assert [t.engine for t in part.traces.values()] == [MULTIBODY, DRIVES, DRIVES] and part.engine == DRIVES
     bench.full()
     monkeypatch.setattr(
-        sys.modules["mjsim.workbench.readings"], "simulate_each", lambda *_: pytest.fail("simulated again")
+        sys.modules["mjsim.workbench.overlay"], "simulate_each", lambda *_: pytest.fail("simulated again")
     )
     bench.set("backlash.A", width_deg=0.3)
     bench.undo()
@@ -279,11 +280,11 @@ def test_bodies_stand_where_mujoco_has_them(shared):
 
 def test_what_a_residual_is_drawn_over(bench):
     trace = bench.quick().traces[TESTS[0]]
-    keys = axis_data.choices(bench.opened, TESTS[0])
+    keys = traces.choices(bench.opened, TESTS[0])
     assert list(keys)[:2] == ["angle", "time"] and "A position" in keys and "A speed" in keys
-    over = axis_data.abscissa(bench.opened, trace, "A position")
+    over = traces.abscissa(bench.opened, trace, "A position")
     assert over.label == "A position in °" and 0 < over.forward.mean() < 1
-    speed = axis_data.abscissa(bench.opened, trace, "A speed")
+    speed = traces.abscissa(bench.opened, trace, "A speed")
     inner = slice(20, -20)
     assert np.allclose(np.gradient(over.value, trace.time)[inner], speed.value[inner], atol=0.2)
-    assert len(axis_data.choices(bench.opened, "circle-xy-ccw")) == 6
+    assert len(traces.choices(bench.opened, "circle-xy-ccw")) == 6

@@ -18,7 +18,7 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.io.resources import scene_file
 from mjsim.machine.bodies import counted
 from mjsim.machine.chain import FIVE_AXIS, Chain
-from mjsim.machine.modelling.scene import whole_scene
+from mjsim.machine.modelling import whole_scene
 
 #: The camera that follows the bar; all others are the model's.
 BAR = "bar"

@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from mjsim.report import numbers
-from mjsim.report.content import ParameterRow, plain
+from mjsim.report.content import ParameterRow, estimate, interval, plain
 from mjsim.report.page import VERDICTS, page
 from mjsim.report.trend import CHANGED, Series, series_of
 
@@ -99,8 +98,8 @@ def _short(f: dict) -> str:
     if f["value"] is None:
         return f"{f['effect']}, {share}"
     row = ParameterRow("", f["value"], f["low"], f["high"])
-    ends = f" [{numbers.interval(row).replace(' to ', ', ')}]" if f["low"] is not None else ""
-    return f"{f['effect']} {f['number']} {numbers.estimate(row)}{ends} {f['unit']}".rstrip() + f", {share}"
+    ends = f" [{interval(row).replace(' to ', ', ')}]" if f["low"] is not None else ""
+    return f"{f['effect']} {f['number']} {estimate(row)}{ends} {f['unit']}".rstrip() + f", {share}"
 
 
 def _series(campaigns: list[dict]) -> list[tuple[Series, float | None, float]]:
@@ -183,5 +182,5 @@ def _end(s: Series, labels: list[str], i: int) -> str:
 
 def _with_unit(value: float, s: Series, i: int | None) -> str:
     half = s.uncertainty if i is None else None if s.highs[i] is None else (s.highs[i] or 0.0) - value
-    text = numbers.estimate(ParameterRow("", value, value - half, value + half) if half else ParameterRow("", value))
+    text = estimate(ParameterRow("", value, value - half, value + half) if half else ParameterRow("", value))
     return f"{text} {s.unit}".rstrip()

@@ -29,8 +29,8 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.schema import with_tests
 from mjsim.errors import InputError
 from mjsim.inference.data_sheet import calibrated, data_sheet
+from mjsim.instruments.ball_bar.files import BallBarTable, ball_bar_table
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.ball_bar.tables import BallBarTable, ball_bar_table
 from mjsim.instruments.schema import Table, Text
 from mjsim.io.inputs import shown
 from mjsim.io.toml import check, parse, read_text

@@ -16,9 +16,8 @@ from mjsim.campaign.schema import DriveTable
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.data_sheet import sheet_of
-from mjsim.instruments.ball_bar.files import test_of
+from mjsim.instruments.ball_bar.files import ball_bar_table, test_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.ball_bar.tables import ball_bar_table
 from mjsim.io.toml import check
 from mjsim.machine.chain import Chain
 from mjsim.machine.model import FRICTION_PARAMETERS, Machine

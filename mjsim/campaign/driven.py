@@ -10,10 +10,10 @@ from mjsim.errors import InputError
 from mjsim.instruments.axis_log.files import read_recording
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.commanded import Commanded
+from mjsim.instruments.ball_bar.files import BallBarTable
 from mjsim.instruments.ball_bar.follow import RANGE, counted_otherwise
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import driven_by
-from mjsim.instruments.ball_bar.tables import BallBarTable
 from mjsim.io.inputs import named_file
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import reading

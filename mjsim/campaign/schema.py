@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import AfterValidator, Field, create_model, model_validator
 from pydantic_core import PydanticCustomError
 
-from mjsim.instruments.ball_bar.tables import AcceptanceTable
+from mjsim.instruments.ball_bar.files import AcceptanceTable
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.schema import Length, Number, Table, Text, one_of
 from mjsim.machine.chain import FIVE_AXIS, SENSES, SINGULAR, Chain

@@ -7,8 +7,7 @@ from pathlib import Path
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.machine.chain import Chain, is_rotary
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter
 
 #: A limit that is relative to the stated or neutral value.
 RATIO = "ratio"

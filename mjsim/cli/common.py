@@ -7,10 +7,12 @@ import json
 import math
 import os
 import shutil
+import signal
 import sys
 import textwrap
+import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
@@ -18,8 +20,56 @@ from typing import NoReturn
 
 import click
 
-from mjsim.cli import signals
 from mjsim.errors import InputError, SimulationError, shortened
+
+# -- ctrl-C and SIGTERM ------------------------------------------------------------------------------------------------
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM."""
+
+
+_stop: KeyboardInterrupt | None = None
+
+
+@contextmanager
+def caught() -> Iterator[None]:
+    """Inside, Ctrl-C and SIGTERM raise; one that the caller ignores (a job in the background) stays ignored.
+
+    Only a process' main thread can have that.
+    """
+    global _stop
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: object) -> None:
+        global _stop
+        _stop = Terminated() if number == signal.SIGTERM else KeyboardInterrupt()
+        raise _stop
+
+    _stop = None
+    wanted = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) is not signal.SIG_IGN]
+    former = {n: signal.signal(n, stop) for n in wanted}
+    try:
+        yield
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler or signal.SIG_DFL)
+
+
+def raise_again() -> None:
+    """Raise once more what came in: Python drops an exception that is raised inside a destructor or a library's
+    callback.
+    """
+    if _stop is not None:
+        raise _stop
+
+
+def status(stop: KeyboardInterrupt) -> int:
+    """Exit status of a stopped command."""
+    return 143 if isinstance(stop, Terminated) else 130
+
 
 #: Columns that output fits where stdout is no terminal.
 WIDTH = 80
@@ -40,7 +90,7 @@ def options(command: Callable) -> Callable:
         try:
             from mjsim.io.cache import cached
 
-            with signals.caught(), warnings.catch_warnings(), cached(wanted=not no_cache):
+            with caught(), warnings.catch_warnings(), cached(wanted=not no_cache):
                 if (
                     not sys.warnoptions
                 ):  # what numpy or a plotting library has to say is for developers (python -W default shows it)
@@ -56,7 +106,7 @@ def options(command: Callable) -> Callable:
             fail("not enough memory for this; fewer or shorter tests, thinner traces or fewer --threads need less")
         except KeyboardInterrupt as stop:
             click.echo("mjsim: stopped; nothing half-written is left behind", err=True)
-            sys.exit(signals.status(stop))
+            sys.exit(status(stop))
         except click.exceptions.Exit:
             raise
         except click.ClickException:
@@ -369,13 +419,13 @@ def resumable_progress(out: Path):
         with progress_bar(left=True) as bar:
 
             def progress(stage: str, done: int, total: int) -> None:
-                signals.raise_again()
+                raise_again()
                 bar(stage, done, total)
 
             yield progress
     except KeyboardInterrupt as stop:
         say(f"mjsim: stopped; finished results are in {out}, and the same command continues from there", always=True)
-        sys.exit(signals.status(stop))
+        sys.exit(status(stop))
 
 
 def _plain_progress(stage: str, done: int, total: int) -> None:

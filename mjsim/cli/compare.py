@@ -368,7 +368,7 @@ def show_left_out(data: dict) -> None:
 
 def show_sheet(data: dict) -> None:
     """The data sheet as stated and as found, and what cannot be separated."""
-    from mjsim.machine.sheet_names import sheet_name
+    from mjsim.machine.model import sheet_name
 
     rows = []
     for s in data["data_sheet"]:

@@ -86,7 +86,7 @@ def command(
 
 def show(data: dict, result) -> None:
     """A compensation as text: what is corrected, what is left, the forecast."""
-    from mjsim.compensation.summary import pulse_lines, size_lines
+    from mjsim.compensation.result import pulse_lines, size_lines
 
     done = {row["id"] for row in data["corrects"]}
     click.echo("Corrected:")

@@ -58,7 +58,7 @@ def linuxcnc(
     from mjsim.campaign.machine_file import machine_of
     from mjsim.io.files import check_writable, write_whole
     from mjsim.linuxcnc.configuration import CYCLE, Settings
-    from mjsim.linuxcnc.held import held_against, program_of
+    from mjsim.linuxcnc.record import held_against, program_of
     from mjsim.linuxcnc.run import run_program
     from mjsim.machine.model import build
     from mjsim.nc.write import Options

@@ -24,7 +24,7 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS, Instrument
-from mjsim.machine.remedy import UNKNOWN
+from mjsim.machine.effect import UNKNOWN
 from mjsim.units import percent, unit_of
 
 #: Findings that are shown in full; the smaller ones follow one a line.

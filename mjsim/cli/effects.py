@@ -6,7 +6,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.machine.chain import FIVE_AXIS, Chain
-from mjsim.machine.subjects import in_words
+from mjsim.machine.effect import in_words
 
 
 @click.command("effects")

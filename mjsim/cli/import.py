@@ -9,7 +9,7 @@ import click
 from mjsim.cli import common
 from mjsim.cli.import_show import model_effects, runs_json, show_features, show_remarks, show_runs, show_traces
 from mjsim.cli.nc_options import kept
-from mjsim.importing.names import options as option_names
+from mjsim.importing.into_campaign import options as option_names
 from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
 from mjsim.machine.chain import CHAINS
 from mjsim.units import unit_of
@@ -150,8 +150,7 @@ def command(
                  --feed 1000 --length 100 --table-ball 0 0 155 --preview
     """
     from mjsim.errors import InputError
-    from mjsim.importing.b5r import looks_like_xml
-    from mjsim.importing.b5r_runs import read_recorded
+    from mjsim.importing.b5r import looks_like_xml, read_recorded
     from mjsim.importing.features import import_features, imported_features, read_features
     from mjsim.importing.importer import import_traces
     from mjsim.importing.into_campaign import campaign_file

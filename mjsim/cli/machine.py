@@ -96,7 +96,7 @@ def new(configuration, template_name, position_gain, directions, offsets, senses
              mjsim machine new --configuration "w-C'B'Y'bXZ-t" --direction B 0 1 1 -o nutating
     """
     from mjsim.campaign.machine_templates import template_named
-    from mjsim.campaign.new_machine import check_position_gain, new_machine, with_senses
+    from mjsim.campaign.new import check_position_gain, new_machine, with_senses
     from mjsim.errors import InputError
     from mjsim.machine.chain import SENSES, Placement, chain_of
     from mjsim.units import MM

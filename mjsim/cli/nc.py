@@ -64,7 +64,7 @@ def write(campaign, name, out, limit, max_speed, force, machine, sphere, tip, cl
     test in the dialect linuxcnc is a probing program.
     """
     from mjsim.campaign.machine_file import machine_of
-    from mjsim.instruments.ball_bar.speed import speed_warnings as ordinary_speed_warnings
+    from mjsim.instruments.ball_bar.program import speed_warnings as ordinary_speed_warnings
     from mjsim.instruments.base import INSTRUMENTS
     from mjsim.instruments.sphere.measurement import SphereTest
     from mjsim.io.files import check_writable
@@ -135,7 +135,7 @@ def _write_probing(test, out: Path, sizes_mm: dict, limits, machine: str, campai
         force: Replace a file that is there.
     """
     from mjsim.errors import InputError
-    from mjsim.instruments.sphere.touches import sides_of_points
+    from mjsim.instruments.sphere.measurement import sides_of_points
     from mjsim.io.files import write_whole
     from mjsim.nc.probing import Probing, probing_program
     from mjsim.units import MM

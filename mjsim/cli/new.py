@@ -33,8 +33,7 @@ def campaign(folder, name, logs) -> None:
     Example: mjsim new campaign my-machine
              mjsim new campaign my-table --logs XY
     """
-    from mjsim.campaign.new import new_campaign
-    from mjsim.campaign.new_machine import new_log_campaign
+    from mjsim.campaign.new import new_campaign, new_log_campaign
 
     files = new_campaign(folder, name) if logs is None else new_log_campaign(folder, logs, name)
     if common.answered({"folder": str(folder), "files": [str(f) for f in files]}):

@@ -117,14 +117,14 @@ def command(
         raise click.UsageError("--targets excludes --sphere and --between")
     c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
     if targets is not None:
-        from mjsim.commands.plan_positions import plan_targets
+        from mjsim.commands.plan_at_rest import plan_targets
 
         aim = plan_targets(c, m, targets, {a: (low, high) for a, low, high in ranges}, points)
         if not common.answered(aim.to_json()):
             show_targets(aim, str(campaign))
         return
     if points is not None:
-        from mjsim.commands.plan_positions import plan_points
+        from mjsim.commands.plan_at_rest import plan_points
         from mjsim.units import DEG, MM
 
         if between is not None:
@@ -163,8 +163,7 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
     """The tests of a new campaign."""
     from mjsim.campaign.machine_file import read_machine
     from mjsim.campaign.machine_templates import template_named
-    from mjsim.campaign.new import check_new_folder, new_planned_campaign
-    from mjsim.campaign.new_machine import check_position_gain, machine_text
+    from mjsim.campaign.new import check_new_folder, check_position_gain, machine_text, new_planned_campaign
     from mjsim.inference.planning.whole_campaign import CampaignPlanner, possible_motions
     from mjsim.instruments.r_test.measurement import SphereReading
     from mjsim.io.toml import read_text

@@ -25,7 +25,7 @@ def command(campaign, machine, names, out, no_plots, force, threads) -> None:
     Example: mjsim simulate examples/hidden-backlash --out simulated
     """
     from mjsim.errors import InputError
-    from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
+    from mjsim.instruments.ball_bar.program import range_warning, speed_warnings
     from mjsim.io.files import check_writable, together
     from mjsim.plots.output import polar_of_simulation, simulation_csv, simulation_summary
     from mjsim.plots.save import encode

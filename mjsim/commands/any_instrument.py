@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from mjsim.campaign.model import Campaign
-from mjsim.commands.checked import CheckedPart
-from mjsim.commands.comparison import ComparedChannel, ComparedPart, ComparedTest, significant
+from mjsim.commands.comparison import CheckedPart, ComparedChannel, ComparedPart, ComparedTest, significant
 from mjsim.errors import InputError
 from mjsim.instruments.base import INSTRUMENTS, Nuisances, Observation
 from mjsim.machine.model import Machine, build

@@ -21,8 +21,8 @@ from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.vibration import separate
 from mjsim.machine.chain import Chain
+from mjsim.machine.effect import in_words
 from mjsim.machine.model import Machine, build
-from mjsim.machine.subjects import in_words
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM

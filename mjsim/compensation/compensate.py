@@ -14,12 +14,8 @@ from mjsim.commands.diagnose import diagnose
 from mjsim.commands.saved import SavedDiagnosis, keep, read_saved
 from mjsim.compensation.controls import Control, Settings, control
 from mjsim.compensation.forecast import Forecast, forecast, forecast_at_rest
-from mjsim.compensation.quadrant import tuned
-from mjsim.compensation.result import Compensation
-from mjsim.compensation.summary import summary
-from mjsim.compensation.tables import Corrections, ranges_of
-from mjsim.compensation.terms import wanted_of
-from mjsim.compensation.worth import Left, worth_typing
+from mjsim.compensation.result import Compensation, summary
+from mjsim.compensation.tables import Corrections, Left, ranges_of, tuned, wanted_of, worth_typing
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS

@@ -21,9 +21,9 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.instruments.r_test.measurement import USUAL_NOISE
+from mjsim.machine.kinematics import sensitivity
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
-from mjsim.machine.sensitivity import sensitivity
 from mjsim.simulation.axes import load_of, time_grid
 from mjsim.simulation.bar import reading_in
 from mjsim.simulation.drive import STEP

@@ -1,12 +1,8 @@
 """Angular errors of the linear axes: roll, pitch and yaw of a slide (ISO 230-1 component errors)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, angular_errors
 from mjsim.machine.plant import POLYNOMIAL, SCALE
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import angular_errors
 
 #: Travel over which the coefficients are given, m.
 _REFERENCE = 0.1

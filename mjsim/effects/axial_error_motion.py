@@ -3,13 +3,9 @@
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, rotary_axes
 from mjsim.machine.plant import SINE
 from mjsim.machine.redundant import MOST_ORDERS
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import rotary_axes
 
 
 @register

@@ -2,10 +2,7 @@
 
 from mjsim.effects.registry import register
 from mjsim.machine.chain import is_rotary
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import location_errors
+from mjsim.machine.effect import Effect, Parameter, Remedy, location_errors
 
 _SHIFT = (Parameter("value_um", "displacement of the centreline", -5000.0, 5000.0, neutral=0.0, scale=10.0),)
 _TILT = (Parameter("value_urad", "rotation of the centreline", -5000.0, 5000.0, neutral=0.0, scale=20.0),)

@@ -2,11 +2,8 @@
 
 from mjsim.effects.registry import register
 from mjsim.machine.chain import is_rotary
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, every_axis
 from mjsim.machine.plant import PLAY
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import every_axis
 
 _ROTARY = (Parameter("width_deg", "full width b of the play", 0.0, 1.0, neutral=0.0, scale=0.001),)
 _LINEAR = (Parameter("width_um", "full width b of the play (lost motion)", 0.0, 1000.0, neutral=0.0, scale=2.0),)

@@ -5,11 +5,7 @@ import math
 from mjsim.effects.registry import register
 from mjsim.machine.bodies import has_model
 from mjsim.machine.chain import is_rotary
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import every_axis
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, every_axis
 
 _DAMPING = Parameter(
     "damping_ratio", "of the load on the spring with the motor held", 1e-3, 2.0, default=0.05, scale=0.05

@@ -1,11 +1,7 @@
 """Friction torque on the motor (LuGre)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import every_axis
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, every_axis
 
 #: Stribeck velocities from which a diagnosis starts, rad/s on the motor: sticking that fades at once, and up to
 #: ordinary feeds.

@@ -1,11 +1,7 @@
 """Friction that depends on where an axis stands."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import every_axis
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, every_axis
 
 #: Travel for which the shares are stated: 100 mm, or 1 rad of a rotary axis.
 REFERENCE = {False: 0.1, True: 1.0}

@@ -4,12 +4,8 @@ import math
 
 from mjsim.effects.registry import register
 from mjsim.machine.chain import is_rotary
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, every_axis
 from mjsim.machine.plant import SINE
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import every_axis
 from mjsim.units import DEG, UM
 
 _ROTARY = (

@@ -15,10 +15,7 @@ from typing import Any, TypeVar
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine import own
 from mjsim.machine.chain import FIVE_AXIS, Chain
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import MOVED, SearchHints
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
+from mjsim.machine.effect import MOVED, Effect, Parameter, Remedy, SearchHints
 from mjsim.units import DIMENSIONLESS, UNITS, has_unit
 
 _E = TypeVar("_E", bound=Effect)

@@ -1,11 +1,8 @@
 """Scale error of a linear axis (ISO 230-1, linear positioning error growing with travel)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, linear_axes
 from mjsim.machine.plant import SCALE
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import linear_axes
 
 
 @register

@@ -1,11 +1,7 @@
 """Position-loop gain of a drive, as a ratio to the setting."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import every_axis
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, every_axis
 
 #: A typical size lags as one of a command delay does, 0.1 ms: ratio · 1/Kpp at a usual Kpp of 50/s. The two look alike.
 _TYPICAL = 0.005

@@ -1,10 +1,7 @@
 """Squareness between linear axes (ISO 230-1)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import axis_pairs
+from mjsim.machine.effect import Effect, Parameter, Remedy, axis_pairs
 
 
 @register

@@ -1,12 +1,8 @@
 """Straightness errors of the linear axes (ISO 230-1 component errors)."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, straightness_errors
 from mjsim.machine.plant import POLYNOMIAL
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import straightness_errors
 from mjsim.units import UM
 
 #: Travel over which the coefficients are given, m.

@@ -5,13 +5,9 @@ axis.
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, wobbling_axes
 from mjsim.machine.plant import SINE
 from mjsim.machine.redundant import visible_orders
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import wobbling_axes
 
 _SHAPE = (
     Parameter("order", "cycles per turn of the axis k", -50.0, 50.0, scale=1.0),

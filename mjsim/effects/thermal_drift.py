@@ -1,12 +1,8 @@
 """Thermal drift between spindle and table."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, linear_axes
 from mjsim.machine.plant import SETTLE
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import linear_axes
 
 
 @register

@@ -1,11 +1,7 @@
 """Thermal expansion between spindle and table that follows a temperature sensor."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import linear_axes
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, linear_axes
 
 
 @register

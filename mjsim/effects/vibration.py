@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, linear_axes
 from mjsim.machine.plant import VIBRATE
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import linear_axes
 
 
 @register

@@ -1,12 +1,8 @@
 """A worn stretch of a worm wheel, on both flanks of its teeth or on one."""
 
 from mjsim.effects.registry import register
-from mjsim.machine.effect import Effect
-from mjsim.machine.hints import SearchHints
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter, Remedy, SearchHints, rotary_axes
 from mjsim.machine.plant import BUMP
-from mjsim.machine.remedy import Remedy
-from mjsim.machine.subjects import rotary_axes
 
 
 def _seeds(subject, chain):

@@ -18,15 +18,32 @@ from tomlkit.items import AoT
 from mjsim.campaign.files import campaign_from
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.importing.names import options
-from mjsim.instruments.ball_bar.files import check_span
+from mjsim.instruments.ball_bar.files import check_span, saturated
 from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
 from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
-from mjsim.instruments.ball_bar.traces import saturated
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import inside, shown
 from mjsim.io.toml import parse, read_text
 from mjsim.units import UM
+
+# -- what the command line calls the keys of a ``[[test]]`` table ------------------------------------------------------
+
+
+def options() -> dict[str, str]:
+    """Key -> option, in the order of a ``[[test]]`` table: those of single kinds lie between ``kind`` and the table
+    ball.
+    """
+    return {
+        "kind": "--kind",
+        **{name: keys[0].flag for name, keys in all_keys().items()},
+        "table_ball_mm": "--table-ball",
+        "bar_length_mm": "--length",
+        "feed_mm_min": "--feed",
+        "setup": "--setup",
+        "started_s": "--started",
+        "spindle_deg": "--spindle",
+    }
+
 
 _BEFORE = ("name", "trace", "setup", "started_s", "spindle_deg", "kind")
 _COMMON = ("table_ball_mm", "bar_length_mm", "feed_mm_min")

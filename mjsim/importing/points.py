@@ -23,8 +23,7 @@ from mjsim.importing.reading import Options
 from mjsim.importing.table import Table
 from mjsim.importing.units import QUANTITIES, bare, factor, unit_named, unit_of_column
 from mjsim.instruments.base import INSTRUMENTS, Instrument
-from mjsim.instruments.sphere.measurement import Points, SphereTest
-from mjsim.instruments.sphere.touches import LOGGED, centres_of_log
+from mjsim.instruments.sphere.measurement import LOGGED, Points, SphereTest, centres_of_log
 from mjsim.io.files import check_writable, write_all
 from mjsim.io.inputs import shown
 from mjsim.io.toml import parse, read_text
@@ -190,7 +189,7 @@ def _columns(table: Table, test: Any, signals: tuple[str, ...]) -> tuple[tuple[P
             raise InputError(
                 f"--signal {shown(said)}; allowed: NAME=COLUMN or NAME=COLUMN:UNIT, NAME one of {', '.join(names)}"
             )
-        place, quantity, unit = _place(table, match[2].strip()), names[name][0], match[3] or ""
+        place, quantity, unit = table.place(match[2].strip()), names[name][0], match[3] or ""
         if unit and (not quantity or unit_named(unit, quantity) is None):
             allowed = ", ".join(QUANTITIES[quantity]) if quantity else "none: it is a number"
             raise InputError(f"--signal {shown(said)}: unit {unit!r}; allowed: {allowed}")
@@ -219,18 +218,8 @@ def _columns(table: Table, test: Any, signals: tuple[str, ...]) -> tuple[tuple[P
             f"--signal {missing[0].split()[0]}=COLUMN:UNIT"
         )
     if unused:
-        few = ", ".join(f'{p + 1} "{table.names[p]}"' if table.names[p] else str(p + 1) for p in unused[:8])
-        notes.append(f"not taken: column{'s' if len(unused) > 1 else ''} {few}")
+        notes.append(f"not taken: {table.listed(unused)}")
     return tuple(out.values()), notes
-
-
-def _place(table: Table, text: str) -> int:
-    """A column by name or number from 1."""
-    if text in table.names:
-        return table.names.index(text)
-    if text.isdigit() and 1 <= int(text) <= len(table.names):
-        return int(text) - 1
-    raise InputError(f"{table.path}: no column {shown(text)}; allowed: {table.columns}, by name or number")
 
 
 def _recording(source: Path, table: Table, columns: tuple[PointColumn, ...], test: Any) -> tuple[Any, list[str]]:

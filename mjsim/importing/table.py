@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -17,7 +17,7 @@ import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.importing.units import TIME_WORDS, bare, is_unit
-from mjsim.io.inputs import check_rows, read_bytes
+from mjsim.io.inputs import check_rows, read_bytes, shown
 
 #: Separators by the name that the user gives.
 SEPARATORS = {"semicolon": ";", "tab": "\t", "comma": ",", "space": None}
@@ -70,6 +70,24 @@ class Table:
         """The columns as messages list them: ``1 "t [s]", 2 "dev [µm]"``."""
         few = [f'{i} "{n}"' if n else str(i) for i, n in enumerate(self.names[:12], start=1)]
         return ", ".join(few) + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
+
+    def place(self, column: str) -> int:
+        """Place of a column, from 0, by its name or its number from 1.
+
+        Raises:
+            InputError: There is no such column.
+        """
+        if column in self.names:
+            return self.names.index(column)
+        if column.isdigit() and 1 <= int(column) <= len(self.names):
+            return int(column) - 1
+        raise InputError(f"{self.path}: no column {shown(column)}; allowed: {self.columns}, by name or number")
+
+    def listed(self, places: Sequence[int]) -> str:
+        """Some columns as notes list them: ``columns 1 "t [s]", 3``."""
+        few = ", ".join(f'{p + 1} "{self.names[p]}"' if self.names[p] else str(p + 1) for p in places[:8])
+        more = f" and {len(places) - 8} more" if len(places) > 8 else ""
+        return f"column{'s' if len(places) > 1 else ''} {few}{more}"
 
 
 def read_table(

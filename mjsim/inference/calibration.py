@@ -12,9 +12,8 @@ import numpy as np
 from mjsim.campaign.tolerance import RATIO, TYPICAL_TOLERANCE, unit_of_size
 from mjsim.effects import registry
 from mjsim.inference.effect_vector import EffectVector
-from mjsim.machine.effect import Effect
+from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import Machine
-from mjsim.machine.parameter import Parameter
 from mjsim.machine.redundant import visible_orders
 
 #: Orders of a rotary axis' error motion where none is stated, the first that is no location error in another form:

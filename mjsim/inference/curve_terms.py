@@ -18,10 +18,10 @@ from scipy.sparse import csr_array, diags_array
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
 from mjsim.inference.samples import GRID, GRID_STEPS
+from mjsim.machine.axis import radius_of
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import build
-from mjsim.machine.motion import Motion
-from mjsim.machine.radius import radius_of
+from mjsim.machine.plant import Motion
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.units import UM
 

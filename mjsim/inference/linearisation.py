@@ -19,10 +19,9 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.problem import KeptChanges
 from mjsim.inference.samples import GRID, GRID_STEPS
 from mjsim.machine.effect import Effect
-from mjsim.machine.kinematics import Geometry
+from mjsim.machine.kinematics import BarSensitivity, Geometry
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import PLAY, Plant
-from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.bar import reading_in
 from mjsim.simulation.transmission import reading_change, transmit

@@ -12,7 +12,7 @@ import numpy as np
 from mjsim.inference.parameters import Block, Parameters
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import COORDINATES
-from mjsim.machine.sensitivity import BarSensitivity
+from mjsim.machine.kinematics import BarSensitivity
 
 #: Priors' standard deviations: offsets of the balls per coordinate, error of the bar's length (m), trigger shift (s).
 TABLE_BALL, SPINDLE_BALL, LENGTH, TRIGGER = 10e-6, 2e-6, 3e-6, 20e-3

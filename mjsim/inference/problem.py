@@ -25,9 +25,9 @@ from mjsim.inference.whitening import Whitening
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
+from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
 from mjsim.machine.plant import Plant
-from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.simulation.stability import check_stable
 from mjsim.threads import Workers

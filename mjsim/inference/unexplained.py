@@ -377,7 +377,7 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         imports = (
             f"from mjsim.machine.chain import {'Placement, ' if chain.placements else ''}chain_of\n"
             "from mjsim.machine.kinematics import work_to_machine\n"
-            f"{'from mjsim.machine.radius import radius_of' if term.moves == RADIAL else ''}\n"
+            f"{'from mjsim.machine.axis import radius_of' if term.moves == RADIAL else ''}\n"
         )
     return _TEMPLATE.format(
         summary=summary,

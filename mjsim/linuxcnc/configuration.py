@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.machine.chain import SENSES, Chain
-from mjsim.machine.reach import usual_speed
+from mjsim.machine.chain import SENSES, Chain, usual_speed
 from mjsim.nc.control import Control, linuxcnc
 from mjsim.nc.limits import model_limits, scale
 
@@ -40,7 +39,7 @@ class Settings:
 
     Attributes:
         acceleration: MAX_ACCELERATION of axes, mm/s² or °/s², by letter; others get :data:`ACCELERATION`. MAX_VELOCITY
-            is the usual one of :mod:`mjsim.machine.reach`.
+            is the usual one of :mod:`mjsim.machine.chain`.
         speed: The control's clock runs so many times as fast as a real one. It needs a C compiler.
         corrections: Folder that ``mjsim compensate --control linuxcnc`` wrote, with ``joints.ini`` and its tables.
         limit: Longest run on the clock of the wall, s.

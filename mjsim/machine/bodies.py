@@ -10,7 +10,7 @@ import numpy as np
 from mjsim.errors import InputError
 from mjsim.io.resources import model_file
 from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
-from mjsim.machine.modelling.mjcf import machine_xml
+from mjsim.machine.modelling import machine_xml
 
 if TYPE_CHECKING:
     import mujoco

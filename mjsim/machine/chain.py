@@ -6,8 +6,13 @@ A axis' centreline about Z, ``EXC`` the radial error motion of C along X.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from typing import NamedTuple
+
+import numpy as np
 
 from mjsim.errors import InputError
 from mjsim.machine.axis import (
@@ -22,8 +27,132 @@ from mjsim.machine.axis import (
     is_linear,
     is_rotary,
 )
-from mjsim.machine.configuration import parse
-from mjsim.machine.geometric_errors import ErrorMotion, LocationError, Squareness, location_errors_of
+from mjsim.units import DEG
+
+# -- the text that describes a machine's axes (ISO 10791-6) ------------------------------------------------------------
+
+_EXAMPLE = "w-C'A'Y'bXZ-t"
+#: More rotary axes than these cannot be moved from a wanted tool direction alone.
+_MOST_ROTARY = 2
+_AXIS = f"[{ALONG}{ABOUT}]"
+_MACHINE = re.compile(rf"w-((?:{_AXIS}')*)b({_AXIS}*)-t")
+_ALONE = re.compile(rf"{_AXIS}{{1,5}}")
+
+
+def parse(
+    configuration: str, placements: Mapping[str, Placement], tool_length: float
+) -> tuple[tuple[Axis, ...], tuple[Axis, ...]]:
+    """Axes that carry the workpiece, from the workpiece to the bed, and axes that carry the tool, from the bed.
+
+    Args:
+        configuration: axes from the workpiece to the tool, those that carry the workpiece marked by '; or axes
+            alone, of which the linear ones carry the tool and the others the workpiece.
+        placements: rotary axes whose direction, offset or sense is stated, by letter.
+        tool_length: from the head's pivot to the spindle ball, m.
+
+    Raises:
+        InputError: it is no such text, an axis is there twice, or too many axes turn.
+    """
+    machine = _MACHINE.fullmatch(configuration)
+    if machine:
+        work, tool = machine[1].replace("'", ""), machine[2]
+    else:
+        work = "".join(a for a in configuration if is_rotary(a))
+        tool = "".join(a for a in configuration if not is_rotary(a))
+    wrong = _wrong(machine is not None, work + tool)
+    if wrong:
+        raise InputError(
+            f"configuration {configuration[:40]!r} is unknown: {wrong}; allowed: each of {', '.join(ALONG)} and up to "
+            f"two of {', '.join(ABOUT)} at most once on either side of the bed, those that carry the workpiece with ', "
+            f'as in "{_EXAMPLE}", or axes alone, as in "{ALONG[:2]}" or "{ABOUT[-1]}"'
+        )
+    for letter in placements:
+        if letter not in work + tool or not is_rotary(letter):
+            turning = ", ".join(a for a in work + tool if is_rotary(a)) or "none, as no axis turns"
+            raise InputError(f"axis {letter!r} cannot be placed in {configuration!r}; allowed: {turning}")
+    return (
+        tuple(axis_of(a, placements.get(a)) for a in work),
+        tuple(axis_of(a, placements.get(a), tool_length, on_table=False) for a in tool),
+    )
+
+
+def _wrong(machine: bool, letters: str) -> str:
+    """What is wrong with a configuration; empty where nothing is."""
+    if not machine and not _ALONE.fullmatch(letters):
+        return "it is not of this form"
+    twice = sorted({a for a in letters if letters.count(a) > 1})
+    if twice:
+        return f"{twice[0]} is there twice"
+    if machine and all(is_rotary(a) for a in letters):
+        return "it has no linear axis"
+    turning = [a for a in letters if is_rotary(a)]
+    return f"{len(turning)} axes turn" if len(turning) > _MOST_ROTARY else ""
+
+
+# -- geometric errors that a chain of axes can have, named as in ISO 230-1 ---------------------------------------------
+
+
+class LocationError(NamedTuple):
+    """A location error of a rotary axis: its centreline displaced (m) or turned (rad) in the frame that carries the
+    axis.
+
+    Attributes:
+        name: as ISO 230-1 names it.
+        axis: letter of the rotary axis.
+        along: coordinate along which it is displaced or about which it is turned: 0, 1 or 2.
+        rotation: whether it is turned.
+    """
+
+    name: str
+    axis: str
+    along: int
+    rotation: bool
+
+
+class ErrorMotion(NamedTuple):
+    """A degree of freedom in which an axis errs as it moves: a displacement (m) or a tilt (rad) of what it carries, in
+    the frame that carries the axis.
+
+    Attributes:
+        name: as ISO 230-1 names it.
+        axis: letter of the axis.
+        along: coordinate along which it is displaced or about which it is tilted: 0, 1 or 2.
+        rotation: whether it is a tilt.
+        axial: whether it is a displacement along the centreline of a rotary axis.
+    """
+
+    name: str
+    axis: str
+    along: int
+    rotation: bool
+    axial: bool = False
+
+
+class Squareness(NamedTuple):
+    """Squareness error α of two linear axes: the spindle ball moves by ``sign``·α·(position of ``axis``) along
+    ``along``.
+
+    Attributes:
+        name: the two axes.
+        axis: letter of the axis that is out of square.
+        along: coordinate of the displacement: 0, 1 or 2.
+        sign: +1 or −1.
+    """
+
+    name: str
+    axis: str
+    along: int
+    sign: float
+
+
+def location_errors_of(axis: Axis) -> list[LocationError]:
+    """The four location errors of a rotary axis."""
+    return [
+        LocationError(f"E{letters[i]}0{axis.letter}", axis.letter, i, letters == ABOUT)
+        for letters in (ALONG, ABOUT)
+        for i in axis.across
+    ]
+
 
 __all__ = [
     "CHAINS",
@@ -364,3 +493,40 @@ def chain_of(
 FIVE_AXIS = chain_of("w-C'A'Y'bXZ-t")
 #: Chains that have together every axis and error that an effect may act on.
 CHAINS = (FIVE_AXIS, chain_of("w-C'B'X'bYZ-t"), chain_of("w-A'B'bXYZ-t"), chain_of("w-B'bXYZA-t"))
+
+
+# -- how far and how fast the axes of an ordinary machine of this size go (assumed) ------------------------------------
+
+#: Travel of linear axes across and along the spindle, m; of a rotary axis that tilts the table, of one that swivels the
+#: head, and of one that goes round, rad.
+_ACROSS, _ALONG_SPINDLE = (-0.3, 0.3), (-0.1, 0.5)
+#: The same where a head swivels: the slides follow the swivelling tool.
+_ACROSS_HEAD, _ALONG_HEAD = (-0.5, 0.5), (-0.4, 0.5)
+_TILT, _SWIVEL, _ROUND = (-30 * DEG, 110 * DEG), (-110 * DEG, 110 * DEG), (-50.0, 50.0)
+#: Speed of linear axes, m/s (20 m/min); of an axis that tilts or swivels and of one that goes round, rad/s.
+_LINEAR_SPEED, _TILT_SPEED, _ROUND_SPEED = 0.33, 1.0, 2.0
+
+
+def usual_travel(chain: Chain) -> np.ndarray:
+    """Lowest and highest position of every axis, (axes, 2) m and rad."""
+    return np.array([_travel(chain, a) for a in chain.axes])
+
+
+def _travel(chain: Chain, axis: Axis) -> tuple[float, float]:
+    if not axis.rotary:
+        if any(not a.vertical for a in chain.swivelling):
+            return _ALONG_HEAD if axis.along == 2 else _ACROSS_HEAD
+        return _ALONG_SPINDLE if axis.along == 2 else _ACROSS
+    if axis.letter in chain.round_axes:
+        return _ROUND
+    return axis.ends(*(_SWIVEL if axis in chain.tool or axis.tilted else _TILT))
+
+
+def usual_speed(chain: Chain) -> np.ndarray:
+    """Highest speed of every axis, (axes,) m/s and rad/s."""
+    return np.array(
+        [
+            _LINEAR_SPEED if not a.rotary else _ROUND_SPEED if a.letter in chain.round_axes else _TILT_SPEED
+            for a in chain.axes
+        ]
+    )

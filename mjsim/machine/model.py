@@ -16,6 +16,25 @@ from mjsim.machine.effect import Effect
 from mjsim.machine.plant import AxisPlant, Plant
 from mjsim.machine.temperatures import Temperatures
 
+# -- names and units of the numbers of a drive's data sheet, as users read them ----------------------------------------
+
+#: By attribute of a drive or parameter of its friction: name in words, and unit.
+SHEET_NAMES = {
+    "inertia": ("inertia", "kg·m²"),
+    "viscous": ("viscous friction", "N·m·s/rad"),
+    "position_gain": ("position gain", "1/s"),
+    "velocity_gain": ("velocity gain", "N·m·s/rad"),
+    "integral_time": ("integral time", "s"),
+    "coulomb_Nm": ("Coulomb friction", "N·m"),
+    "presliding_rad": ("presliding", "rad"),
+}
+
+
+def sheet_name(name: str) -> tuple[str, str]:
+    """A number of the data sheet in words, and its unit; empty where there is none."""
+    return SHEET_NAMES.get(name, (name.replace("_", " "), ""))
+
+
 #: One standard deviation of the data sheet (relative). Controller settings are exact numbers in the control; what hangs
 #: on the motor and the mechanics is not. Source: campaign format, "data sheet".
 TOLERANCE = {
@@ -190,21 +209,9 @@ def build(machine: Machine) -> Plant:
     Raises:
         InputError: an effect acts on what this machine does not have.
     """
-    axes = {
-        a: AxisPlant(
-            d.gear,
-            d.position_gain,
-            d.velocity_gain,
-            d.integral_time,
-            d.inertia,
-            d.viscous,
-            d.gravity,
-            d.feedforward,
-            encoder=d.encoder,
-            control=d.control,
-        )
-        for a, d in ((a, machine.drives[a]) for a in machine.chain.letters)
-    }
+    named = [f.name for f in fields(Drive) if f.name not in ("axis", "torque_constant")]
+    drives = {a: machine.drives[a] for a in machine.chain.letters}
+    axes = {a: AxisPlant(**{n: getattr(d, n) for n in named}) for a, d in drives.items()}
     plant = Plant(axes, chain=machine.chain, temperatures=machine.temperatures)
     for effect in machine.effects:
         if effect.subject not in (allowed := effect.subjects_of(machine.chain)):

@@ -16,8 +16,7 @@ import numpy as np
 
 from mjsim.errors import InputError, SimulationError
 from mjsim.machine.effect import Effect
-from mjsim.machine.motion import Motion
-from mjsim.machine.plant import Plant
+from mjsim.machine.plant import Motion, Plant
 
 #: A user's file becomes a module of this name and the file's.
 USER_MODULE = "mjsim_user_"

@@ -10,19 +10,174 @@ import numpy as np
 
 from mjsim.campaign.model import Campaign
 from mjsim.commands.any_instrument import PlainTest
+from mjsim.commands.axis_log.compare import ComparedAxis, ComparedLog
 from mjsim.commands.comparison import ComparedTest, Comparison
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS, Over
+from mjsim.instruments.sphere.instrument import sphere_columns
 from mjsim.instruments.sphere.measurement import SphereTest
+from mjsim.machine.chain import COORDINATES
 from mjsim.plots import style
-from mjsim.plots.logs import log_figures, log_files
 from mjsim.plots.output import bar_plot_files, bar_plots
-from mjsim.plots.points import points_figure
+from mjsim.plots.polar import PolarTrace, polar_figure
 from mjsim.plots.save import save
 from mjsim.progress import Progress, silent
+from mjsim.units import DEG, MM, UM
+
+# -- plots of axis logs ------------------------------------------------------------------------------------------------
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def log_files(test: LogTest) -> list[str]:
+    """Names of the files that a log's figures go to."""
+    return [f"{test.name}-{a}.png" for a in test.axes] + ([f"{test.name}-circle.png"] if test.circle else [])
+
+
+def log_figures(t: ComparedLog) -> Iterator[tuple[str, Figure]]:
+    """A figure for every axis of a log, and one for its circle, with their titles."""
+    yield from ((f"{t.test.name}, axis {axis.axis}", axis_figure(t, axis)) for axis in t.channels)
+    if t.circle is not None:
+        yield f"{t.test.name}, radial deviation on the circle", circle_figure(t)
+
+
+def axis_figure(log: ComparedLog, axis: ComparedAxis) -> Figure:
+    """Four panels of one axis: following error and rest over time, rest over position, torque over velocity."""
+    unit, symbol, travel, place = axis.channel.size, axis.channel.unit, axis.travel.size, axis.travel.unit
+    figure = style.new_figure(8.4, 7.6)
+    figure.suptitle(
+        f"{log.test.name}, axis {axis.axis}: RMS of the rest {axis.rms / unit:.3g} {symbol}",
+        fontsize=style.TITLE,
+        x=0.08,
+        ha="left",
+    )
+    grid = figure.add_gridspec(3, 2, left=0.09, right=0.98, top=0.92, bottom=0.07, hspace=0.42, wspace=0.26)
+    follow, rest = figure.add_subplot(grid[0, :]), figure.add_subplot(grid[1, :])
+    over, friction = figure.add_subplot(grid[2, 0]), figure.add_subplot(grid[2, 1])
+    time, measured, simulated = style.thinned(
+        axis.time, (axis.command - axis.measured) / unit, (axis.command - axis.simulated) / unit
+    )
+    follow.plot(time, measured, color=style.MEASURED, lw=0.9, label="measured")
+    follow.plot(time, simulated, color=style.SIMULATED, lw=0.8, label="simulated")
+    style.label(follow, "time (s)", f"command less position ({symbol})")
+    follow.legend(fontsize=style.SMALL, frameon=False, ncols=2, loc="upper right")
+    time, residual, position = style.thinned(axis.time, axis.residual / unit, axis.measured / travel)
+    rest.axhspan(-2 * axis.noise / unit, 2 * axis.noise / unit, color=style.BAND, lw=0)
+    rest.plot(time, residual, color=style.INK, lw=0.7)
+    style.label(rest, "time (s)", f"measured less simulated ({symbol})")
+    forth = style.thinned(axis.velocity >= 0.0)[0]
+    for way, colour, name in ((forth, style.SIMULATED, "forth"), (~forth, style.NOISE, "back")):
+        over.plot(position[way], residual[way], ".", ms=1.2, color=colour, label=name)
+    over.legend(fontsize=style.SMALL, frameon=False, markerscale=5, ncols=2)
+    style.label(over, f"position ({place})", f"measured less simulated ({symbol})")
+    speed, torque = style.thinned(axis.velocity / travel, axis.torque)
+    if axis.recorded_torque is not None:
+        recorded = style.thinned(axis.recorded_torque)[0]
+        friction.plot(speed, recorded, ".", ms=1.2, color=style.MEASURED, label="recorded")
+    friction.plot(speed, torque, ".", ms=1.0, color=style.SIMULATED, label="simulated")
+    friction.legend(fontsize=style.SMALL, frameon=False, markerscale=5, ncols=2)
+    style.label(friction, f"velocity ({place}/s)", "motor torque (N·m)")
+    return figure
+
+
+def circle_figure(log: ComparedLog) -> Figure:
+    """The radial deviation of a log's circle as a polar plot, measured and simulated."""
+    circle = log.circle
+    assert circle is not None and log.test.circle is not None
+    phi, measured, simulated = style.thinned(circle.phi / DEG, circle.measured / UM, circle.simulated / UM)
+    traces = [
+        PolarTrace("measured", phi, measured, "measured"),
+        PolarTrace("simulated", phi, simulated, "simulated"),
+    ]
+    stated = log.test.circle
+    conditions = (
+        f"circle {''.join(stated.axes)}, radius {stated.radius / MM:g} mm, {stated.direction}; from the encoders"
+    )
+    return polar_figure(traces, log.test.name, conditions)
+
+
+# -- error vectors of a probed sphere where it was found, and what the model leaves of them point by point -------------
+
+#: Length of the longest arrow as a share of the picture.
+_LONGEST = 0.16
+#: Steps of a round length.
+_ROUND = np.array([1.0, 2.0, 5.0])
+
+
+def points_figure(t: Any) -> Figure:
+    """Two views of the sphere's places in the machine frame with the deviations as arrows, and the rest by point.
+
+    The place of the sphere on the table is fitted and taken out; everything else is as measured.
+
+    Args:
+        t: A compared test of a probed sphere.
+    """
+    test, points = t.test, t.recording
+    places = points.position[:, test.chain.linear_columns] / MM
+    columns = sphere_columns(test, points).reshape(-1, 3)
+
+    def about(deviation: np.ndarray) -> np.ndarray:
+        place = np.linalg.lstsq(columns, deviation.ravel(), rcond=None)[0]
+        return (deviation - (columns @ place).reshape(-1, 3)) / UM
+
+    found = about(np.column_stack([c.measured for c in t.channels]))
+    rest = np.column_stack([c.residual for c in t.channels]) / UM
+    figure = style.new_figure(8.4, 7.6)
+    grid = figure.add_gridspec(
+        2, 2, height_ratios=(1.5, 1.0), hspace=0.32, wspace=0.28, top=0.9, bottom=0.07, left=0.09, right=0.97
+    )
+    figure.suptitle(test.name, fontsize=style.TITLE, x=0.09, ha="left")
+    longest = max(float(np.linalg.norm(found, axis=1).max()), 1e-3)
+    extent = max(float(np.ptp(places, axis=0).max()), 10.0)
+    size = _LONGEST * extent / longest  # mm in the picture per µm
+    shown = longest * 0.5
+    shown = float(np.max(_ROUND[_ROUND <= shown / 10 ** np.floor(np.log10(shown))])) * 10 ** np.floor(np.log10(shown))
+    for column, (i, j) in enumerate(((0, 1), (1, 2))):
+        axes = figure.add_subplot(grid[0, column])
+        for vectors, colour, width, label in (
+            (found, style.MEASURED, 1.1, "measured"),
+            (rest, style.SIMULATED, 1.4, "left by the model"),
+        ):
+            ends = places + size * vectors
+            for k in range(len(places)):
+                axes.annotate(
+                    "",
+                    ends[k, [i, j]],
+                    places[k, [i, j]],
+                    arrowprops={
+                        "arrowstyle": "-|>",
+                        "color": colour,
+                        "lw": width,
+                        "mutation_scale": 7,
+                        "shrinkA": 0,
+                        "shrinkB": 0,
+                    },
+                )
+            axes.plot([], [], color=colour, lw=width, label=label)
+        axes.plot(places[:, i], places[:, j], ".", color=style.INK, ms=3)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.15)
+        style.label(axes, f"{COORDINATES[i]} (mm)", f"{COORDINATES[j]} (mm)")
+        if column == 0:
+            axes.legend(fontsize=style.SMALL, frameon=False, loc="upper left")
+    figure.text(
+        0.97,
+        0.925,
+        f"arrows {size * 1e3:.3g} times as long as what they show: {shown:g} µm is {shown * size:.3g} mm",
+        ha="right",
+        fontsize=style.SMALL,
+        color=style.SOFT,
+    )
+    axes = figure.add_subplot(grid[1, :])
+    noise = t.channels[0].noise / UM
+    axes.axhspan(-2 * noise, 2 * noise, color=style.BAND, lw=0)
+    number = np.arange(1, len(rest) + 1)
+    for values, c, marker in zip(rest.T, t.channels, "os^", strict=True):
+        axes.plot(number, values, marker, ms=3.5, label=c.channel.name)
+    axes.legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="upper right")
+    style.label(axes, "point", "measured less simulated (µm)")
+    return figure
 
 
 def plot_files(campaign: Campaign, folder: Path) -> list[Path]:

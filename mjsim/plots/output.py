@@ -20,9 +20,8 @@ from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.files import write_all
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
-from mjsim.plots.overview import overview_figure
 from mjsim.plots.pitch import PitchCurves, PitchSpectrum, curves_figure, spectrum_figure
-from mjsim.plots.polar import PolarTrace, centre_of, off_centre, polar_figure
+from mjsim.plots.polar import PolarTrace, centre_of, off_centre, overview_figure, polar_figure
 from mjsim.plots.residual import ResidualTrace, residual_figure
 from mjsim.plots.save import encoded, save
 from mjsim.plots.signature import SignatureTrace, signature_figure

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.commands.diagnosis import Diagnosis
+from mjsim.digits import rounded_um
 from mjsim.inference.calibration import Calibrated, calibrated_effects
 from mjsim.inference.shares import Calibration
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
-from mjsim.units import UM, unit_of
+from mjsim.units import unit_of
 
 #: Half the width of an interval, over that of the prior, from which a number counts as not observable. It is the
 #: share at which the calibration itself draws that line.
@@ -129,7 +130,7 @@ def _rows(
                 None,
                 rms is None or 0.5 * (high - low) < _OBSERVABLE * _PRIOR * limit,
                 rms is None,
-                None if rms is None else round(float(rms / UM), 4),
+                None if rms is None else rounded_um(rms),
             )
 
 
@@ -165,8 +166,8 @@ def waterfall(result: Diagnosis) -> list[CauseShare]:
             CauseShare(
                 name,
                 round(100.0 * share, 2),
-                round(float(np.sqrt(max(share, 0.0) * explained) / UM), 4),
-                round(float(np.sqrt(level) / UM), 4),
+                rounded_um(np.sqrt(max(share, 0.0) * explained)),
+                rounded_um(np.sqrt(level)),
                 name in named,
             )
         )

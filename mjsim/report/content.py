@@ -7,12 +7,14 @@ report. Lengths of errors are in µm, as the names say; other values carry their
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
 import numpy as np
 
+from mjsim import digits
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.plots.polar import PolarTrace
 from mjsim.plots.residual import ResidualTrace
@@ -247,7 +249,7 @@ class ReportContent:
         instrument_source: from what the errors of the instrument are known.
         provenance: (name, text) pairs: versions, seed, model hash. date: as it is to be printed; given by the caller.
         curve: what the unexplained rest looks like, as :func:`mjsim.plots.curve.curve_figure` takes it.
-        traces: what the interactive plots are made of (:mod:`mjsim.report.traces`); None leaves them out.
+        traces: what the interactive plots are made of (:mod:`mjsim.report.build`); None leaves them out.
     """
 
     title: str
@@ -294,3 +296,46 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+# -- numbers as the report prints them ---------------------------------------------------------------------------------
+
+NONE = "–"
+
+
+def um(value: float | None, decimals: int = 2) -> str:
+    """An error in µm, without its unit; a dash for None and NaN."""
+    return fixed(value, decimals)
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """A number with that many decimals; a dash for None and NaN; no negative zero."""
+    if value is None or not math.isfinite(value):
+        return NONE
+    return _minus(digits.fixed(value, decimals))
+
+
+def ends_of(parameter: ParameterRow) -> tuple[float, float] | None:
+    """The 95 % interval; None when there is none."""
+    return None if parameter.low is None or parameter.high is None else (parameter.low, parameter.high)
+
+
+def estimate(parameter: ParameterRow) -> str:
+    """The estimate, as finely as its interval allows."""
+    return _minus(digits.estimate(parameter.value, ends_of(parameter)))
+
+
+def interval(parameter: ParameterRow) -> str:
+    """The 95 % interval ``low to high``; a dash when there is none."""
+    return _minus(digits.interval(ends_of(parameter)))
+
+
+def percent_removed(before: float | None, after: float | None) -> str:
+    """How much of an RMS is gone, of its square (the error's power), in percent; a dash when it cannot be said."""
+    if before is None or after is None or not before > 0.0 or not math.isfinite(after):
+        return NONE
+    return fixed(100.0 * (1.0 - (after / before) ** 2), 1) + " %"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")

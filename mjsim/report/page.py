@@ -19,10 +19,19 @@ from typing import TYPE_CHECKING, Any
 from mjsim.digits import decimals_of
 from mjsim.inference.budget import NAMES as BUDGET_ROWS
 from mjsim.io.files import finite
-from mjsim.plots import curve, ladder, overview, polar, residual, trend
+from mjsim.plots import curve, ladder, polar, residual, trend
 from mjsim.plots.waterfall import Fall, waterfall_figure
-from mjsim.report import numbers
-from mjsim.report.content import ParameterRow, ReportContent, TestSection
+from mjsim.report.content import (
+    NONE,
+    ParameterRow,
+    ReportContent,
+    TestSection,
+    estimate,
+    fixed,
+    interval,
+    percent_removed,
+    um,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -157,14 +166,14 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
         loader=jinja2.FunctionLoader(asset),
     )
     environment.filters.update(
-        um=numbers.um,
-        interval=lambda p: numbers.interval(ParameterRow(**p)),
-        estimate=lambda p: numbers.estimate(ParameterRow(**p)),
+        um=um,
+        interval=lambda p: interval(ParameterRow(**p)),
+        estimate=lambda p: estimate(ParameterRow(**p)),
     )
 
     def number(pointer: str, decimals: int = 2) -> str:
         value = at(data, pointer)
-        return Markup('<span data-json="{}">{}</span>').format(pointer, numbers.fixed(value, decimals))
+        return Markup('<span data-json="{}">{}</span>').format(pointer, fixed(value, decimals))
 
     def known(pointer: str, ends: str) -> str:
         digits = decimals_of(at(data, pointer), at(data, ends))
@@ -179,7 +188,7 @@ def page(template: str, data: dict, traces: Any, scripts: tuple[str, ...], **mor
 
     def estimated(pointer: str) -> str:
         row = ParameterRow(**at(data, pointer))
-        return Markup('<span data-json="{}">{}</span>').format(pointer + "/value", numbers.estimate(row))
+        return Markup('<span data-json="{}">{}</span>').format(pointer + "/value", estimate(row))
 
     return environment.get_template(template).render(
         c=data,
@@ -267,7 +276,7 @@ def _waterfall_image(content: ReportContent) -> str | None:
 
 def _overview_image(content: ReportContent) -> str | None:
     tests = [(test.name, test.after or test.before) for test in content.tests if test.before or test.after]
-    return data_uri(overview.overview_figure(tests)) if len(tests) > 1 else None
+    return data_uri(polar.overview_figure(tests)) if len(tests) > 1 else None
 
 
 def _section(test: TestSection) -> dict[str, Any]:
@@ -294,5 +303,5 @@ def _removed(content: ReportContent) -> str | None:
         return None
     noise = content.noise_um or 0.0
     before, after = (max(content.models[i].rms_um ** 2 - noise**2, 0.0) ** 0.5 for i in (content.start, -1))
-    share = numbers.percent_removed(before, after)
-    return None if share == numbers.NONE else "> 99.9 %" if share == "100.0 %" else share
+    share = percent_removed(before, after)
+    return None if share == NONE else "> 99.9 %" if share == "100.0 %" else share

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from mjsim.commands.ball_bar.compare import BarComparison
 from mjsim.commands.diagnosis import Diagnosis
 from mjsim.commands.finding import DiagnosedEffect
+from mjsim.digits import rounded_um
 from mjsim.effects import registry
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import table_of
@@ -139,16 +140,12 @@ def _campaign(r: Diagnosis | BarComparison, before: BarComparison) -> CampaignRo
         before.campaign.name,
         day.isoformat() if day else "",
         len(before.tests),
-        _um(before.noise),
-        _um(before.rms),
-        _um(r.after.rms) if done else None,
+        rounded_um(before.noise),
+        rounded_um(before.rms),
+        rounded_um(r.after.rms) if done else None,
         r.verdict if done else None,
         [e.effect.key for e in r.effects] if done else [],
     )
-
-
-def _um(x: float) -> float:
-    return round(float(x / UM), 4)
 
 
 def _conditions(t: BallBarTest) -> dict:

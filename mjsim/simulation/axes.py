@@ -19,9 +19,8 @@ import numpy as np
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine import own
-from mjsim.machine.kinematics import rotation
+from mjsim.machine.kinematics import BarSensitivity, rotation, sensitivity
 from mjsim.machine.plant import AxisPlant, Plant
-from mjsim.machine.sensitivity import BarSensitivity, sensitivity
 from mjsim.simulation.bar import reading_in
 from mjsim.simulation.drive import STEP, SUBSTEPS, discretise, run, substeps_of
 from mjsim.simulation.tracker import MotionTracker

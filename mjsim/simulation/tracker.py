@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from mjsim.machine.motion import Motion
+from mjsim.machine.plant import Motion
 from mjsim.simulation.drive import bristle
 
 if TYPE_CHECKING:

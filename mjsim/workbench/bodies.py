@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -14,6 +16,9 @@ from mjsim.machine.bodies import model_spec
 from mjsim.machine.chain import Chain
 from mjsim.simulation.mjmodel import rotation_of
 from mjsim.workbench.overlay import Trace
+
+if TYPE_CHECKING:
+    import trimesh
 
 #: Points of a path that is drawn.
 _POINTS = 540
@@ -214,3 +219,40 @@ def turn_to(along: np.ndarray) -> np.ndarray:
     x = np.cross(helper, along)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(along, x), along])
+
+
+# -- what geoms look like, for the page --------------------------------------------------------------------------------
+
+
+def stl_of(model: mujoco.MjModel, geoms: Iterable[int]) -> bytes:
+    """STL data of some geoms of one body, in the body's frame.
+
+    Args:
+        model: The machine's model.
+        geoms: Their numbers; meshes, boxes, cylinders and spheres.
+    """
+    import trimesh  # slow to load, and the traces come first
+
+    data = trimesh.util.concatenate([_solid(model, g) for g in geoms]).export(file_obj=None, file_type="stl")
+    assert isinstance(data, bytes)
+    return data
+
+
+def _solid(model: mujoco.MjModel, g: int) -> trimesh.Trimesh:
+    import trimesh
+
+    kind, size = int(model.geom_type[g]), model.geom_size[g]
+    if kind == int(mujoco.mjtGeom.mjGEOM_MESH):
+        m = int(model.geom_dataid[g])
+        vertices = model.mesh_vert[model.mesh_vertadr[m] :][: model.mesh_vertnum[m]]
+        faces = model.mesh_face[model.mesh_faceadr[m] :][: model.mesh_facenum[m]]
+        solid = trimesh.Trimesh(vertices, faces, process=False)
+    elif kind == int(mujoco.mjtGeom.mjGEOM_BOX):
+        solid = trimesh.creation.box(2 * size)
+    elif kind == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
+        solid = trimesh.creation.cylinder(size[0], 2 * size[1], sections=48)
+    else:
+        solid = trimesh.creation.icosphere(2, size[0])
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = rotation_of(model.geom_quat[g]), model.geom_pos[g]
+    return solid.apply_transform(place)

@@ -9,10 +9,8 @@ from typing import Any
 
 from mjsim.digits import estimate, wave_ends
 from mjsim.effects import registry
-from mjsim.machine.effect import Effect
+from mjsim.machine.effect import Effect, Parameter, axis_of_subject
 from mjsim.machine.model import Machine
-from mjsim.machine.parameter import Parameter
-from mjsim.machine.subjects import axis_of_subject
 from mjsim.plots.style import step_below
 from mjsim.units import suffix_of
 

@@ -23,7 +23,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workbench.jobs import Stopped
-from mjsim.workbench.opened import OpenCampaign
+from mjsim.workbench.overlay import OpenCampaign
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.simulation.multibody import Reading
 from mjsim.units import UM
-from mjsim.workbench.readings import Readings
+from mjsim.workbench.overlay import Readings
 
 
 @dataclass(frozen=True)

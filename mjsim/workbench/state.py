@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import machine_of
@@ -25,17 +28,31 @@ from mjsim.prediction.part_run import PartRun
 from mjsim.prediction.result import Prediction
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
+from mjsim.units import UM
 from mjsim.workbench import save as saving
+from mjsim.workbench import svg
 from mjsim.workbench.gains import Gain, Gains
 from mjsim.workbench.jobs import Stopped
-from mjsim.workbench.log_state import LogBench
-from mjsim.workbench.opened import OpenCampaign
-from mjsim.workbench.picture import Picture, picture
-from mjsim.workbench.recordings import RecordingsBench, SharedRecordings
-from mjsim.workbench.tried import Shared, TriedModel
+from mjsim.workbench.overlay import OpenCampaign, Overlay, Readings, Trace, overlay, reversals_of, with_one
+from mjsim.workbench.recordings import LogBench, RecordingsBench, SharedRecordings
+from mjsim.workbench.tried import ChangedModel
 
 
-class Workbench(TriedModel):
+class Shared:
+    """What all workbenches of one campaign share: the campaign, simulated readings, signatures.
+
+    Args:
+        opened: The campaign.
+    """
+
+    def __init__(self, opened: OpenCampaign) -> None:
+        self.opened = opened
+        self.readings = Readings(opened)
+        self.gains = Gains(opened) if opened.problem is not None else None
+        self.text = read_text(opened.machine.path) if opened.machine.path else ""
+
+
+class Workbench(ChangedModel):
     """A model that is changed effect by effect while its error is watched. Nothing is written before :meth:`save`.
 
     Args:
@@ -43,6 +60,73 @@ class Workbench(TriedModel):
     """
 
     diagnosis: Diagnosis | None
+
+    def __init__(self, shared: Shared) -> None:
+        super().__init__(shared.opened.campaign, shared.opened.machine, shared.text)
+        self.shared, self.opened = shared, shared.opened
+
+    @property
+    def can_fit(self) -> bool:
+        """Whether a test was measured."""
+        return self.shared.gains is not None
+
+    def quick(self, machine: Machine | None = None) -> Overlay:
+        """The present model (or another one) over all tests, with what is there of the multibody model and the drives
+        alone for the rest; some 0.1 s.
+
+        Raises:
+            InputError: An effect acts on what the machine does not have.
+            SimulationError: A drive is unstable.
+        """
+        machine = machine or self.machine
+        kept = self.shared.readings.kept(machine)
+        missing = [t.name for t in self.opened.tests if t.name not in kept]
+        alone = self.shared.readings.drives_alone(machine, missing) if missing else {}
+        return self._noted(overlay(self.opened, machine, alone | kept))
+
+    def quick_one(self, name: str, now: Overlay) -> Overlay:
+        """One test of the present model beside the other tests of an earlier overlay: what a page can show first; some
+        0.01 s.
+
+        Raises:
+            InputError: An effect acts on what the machine does not have.
+            SimulationError: A drive is unstable.
+        """
+        machine, readings = self.machine, self.shared.readings
+        found = readings.kept(machine, [name]) or readings.drives_alone(machine, [name])
+        return with_one(self.opened, machine, name, found[name], now)
+
+    def full(self, names: Sequence[str] | None = None, machine: Machine | None = None) -> Overlay:
+        """As :meth:`quick`, after some tests (all) were simulated in the multibody model.
+
+        Args:
+            names: Of the tests.
+            machine: In place of the present model.
+
+        Raises:
+            InputError: There is no multibody model of such a machine.
+            SimulationError: The simulation cannot be trusted.
+        """
+        machine = machine or self.machine
+        self.shared.readings.multibody(machine, names if names is not None else [t.name for t in self.opened.tests])
+        return self.quick(machine)
+
+    def _noted(self, result: Overlay) -> Overlay:
+        if result.rms is not None:
+            self.ladder.note(result.machine, result.rms, result.engine)
+        return result
+
+    @property
+    def noise(self) -> float | None:
+        """RMS of one sample's noise, m; ``None`` where nothing was measured."""
+        return self.opened.problem.noise.rms if self.opened.problem is not None else None
+
+    def __repr__(self) -> str:
+        rms = self.ladder.present.rms
+        error = f", residual RMS {rms / UM:.3f} µm ({self.ladder.present.engine})" if rms is not None else ""
+        return f"<{type(self).__name__} {self.campaign.name}: {self.ladder.present.label}{error}>"
+
+    # -- what effects could explain ------------------------------------------------------------------------------------
 
     def update_gains(
         self, waves: bool = True, progress: Progress = silent, stopped: Callable[[], bool] = lambda: False
@@ -182,7 +266,7 @@ def workbench(campaign: Campaign | str | Path, machine: Machine | str | Path | N
         threads: Tests that are worked on side by side.
 
     Returns:
-        A :class:`Workbench` of its ball-bar tests; a :class:`~mjsim.workbench.log_state.LogBench` where axis logs, and
+        A :class:`Workbench` of its ball-bar tests; a :class:`~mjsim.workbench.recordings.LogBench` where axis logs, and
         a :class:`~mjsim.workbench.recordings.RecordingsBench` where other recordings are all that was measured.
 
     Raises:
@@ -285,3 +369,106 @@ def _fit_from_file(gains: Gains, machine: Machine, effect_id: str) -> tuple[Mach
     with gains.turn:
         effect, intervals = best_effect(problem, machine, cls, subjects)
     return machine.with_effect(effect), intervals
+
+
+# -- pictures of the workbench for Jupyter -----------------------------------------------------------------------------
+
+#: Tests that a picture of an effect has.
+_TESTS = 3
+_STYLE = """<style>
+.mjsim { display: flex; flex-wrap: wrap; gap: 12px; font: 12px sans-serif; padding: 8px;
+  color: #1a1a1a; background: #fff }
+.mjsim figure { margin: 0; width: 180px } .mjsim figure.large { width: 340px } .mjsim figcaption { text-align: center }
+.mjsim p { flex-basis: 100%; margin: 0 } .mjsim path, .mjsim circle, .mjsim line { fill: none; stroke-width: 0.6 }
+.mjsim .grid { stroke: #dedede } .mjsim .nominal { stroke: #8a8a8a } .mjsim .turn { stroke: #0072b2 }
+.mjsim path.measured { stroke: #222 } .mjsim path.simulated { stroke: #d9480f }
+.mjsim text { font-size: 6px; stroke: none; fill: #1a1a1a; text-anchor: middle; dominant-baseline: middle }
+.mjsim text.scale { text-anchor: end }
+</style>"""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture: Jupyter shows it, ``html`` is its text.
+
+    Attributes:
+        html: The whole picture.
+        caption: What it shows, in one sentence.
+    """
+
+    html: str
+    caption: str
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+    def __repr__(self) -> str:
+        return self.caption
+
+
+def picture(bench: Workbench, name: str | None) -> Picture:
+    """What the workbench shows in Jupyter: see :meth:`mjsim.workbench.state.Workbench.show`."""
+    now = bench.full()
+    if name is None:
+        caption = f"{bench.ladder.present.label}: {error_words(now, bench.noise)}"
+        return _made(caption, [_figure(t, svg.polar(t, small=True)) for t in now.traces.values()])
+    if name in now.traces:
+        trace = now.traces[name]
+        drawn = svg.polar(trace, reversals_of(bench.opened, name))
+        return _made(f"{name}: {_rms(trace)} ({trace.engine})", [_figure(trace, drawn, True)])
+    other = machine_with_or_without(bench, name)
+    present = bench.effect(name) is not None
+    without, having = (bench.full(machine=other), now) if present else (now, bench.full(machine=other))
+    caption = f"{name}: {error_words(without, None)} without it, {error_words(having, bench.noise)} with it"
+    figures = []
+    for test in most_changed(without, having)[:_TESTS]:
+        for laid, words in ((without, "without"), (having, "with")):
+            trace = laid.traces[test]
+            figures.append(_figure(trace, svg.polar(trace, reversals_of(bench.opened, test)), True, words))
+    return _made(caption, figures)
+
+
+def machine_with_or_without(bench: Workbench, effect_id: str) -> Machine:
+    """The present model with an effect that it lacks, or without one that it has.
+
+    Raises:
+        InputError: There is no such test or effect.
+    """
+    if bench.effect(effect_id) is not None:
+        return bench.machine.without(effect_id)
+    try:
+        return bench.machine.with_effect(bench.start_of(effect_id))
+    except InputError as error:
+        raise InputError(f"{error}; tests: {', '.join(t.name for t in bench.opened.tests)}") from None
+
+
+def most_changed(a: Overlay, b: Overlay) -> list[str]:
+    """Names of the tests, those first whose simulated traces differ most between two overlays."""
+
+    def change(name: str) -> float:
+        x, y = a.traces[name].simulated, b.traces[name].simulated
+        return float(np.std(x - y)) if len(x) == len(y) else 0.0
+
+    return sorted(a.traces, key=lambda name: -change(name))
+
+
+def error_words(overlay: Overlay, noise: float | None) -> str:
+    """Such as ``residual RMS 1.082 µm (multibody), noise 0.117 µm``."""
+    if overlay.rms is None:
+        return f"simulated ({overlay.engine}); nothing was measured"
+    said = f"residual RMS {overlay.rms / UM:.3f} µm ({overlay.engine})"
+    return said + (f", noise {noise / UM:.3f} µm" if noise is not None else "")
+
+
+def _rms(trace: Trace) -> str:
+    return f"RMS {trace.rms / UM:.3f} µm" if trace.measured is not None else "not measured"
+
+
+def _figure(trace: Trace, drawn: str, large: bool = False, words: str = "") -> str:
+    text = f"{trace.test.name}{f', {words}' if words else ''}: {_rms(trace)}"
+    return f'<figure class="{"large" if large else ""}">{drawn}<figcaption>{escape(text)}</figcaption></figure>'
+
+
+def _made(caption: str, figures: list[str]) -> Picture:
+    legend = f"{caption}. Black: measured. Orange: simulated."
+    return Picture(f'{_STYLE}<div class="mjsim"><p>{escape(legend)}</p>{"".join(figures)}</div>', caption)

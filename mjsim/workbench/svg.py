@@ -30,19 +30,16 @@ def division_um(values: list[np.ndarray]) -> float:
     return max(0.1, style.nice_step(max(largest / UM, 1e-6) / 3.0))
 
 
-def polar(
-    trace: Trace, reversals: Mapping[str, np.ndarray] | None = None, small: bool = False, step_um: float | None = None
-) -> str:
+def polar(trace: Trace, reversals: Mapping[str, np.ndarray] | None = None, small: bool = False) -> str:
     """Measured and simulated trace about the nominal circle.
 
     Args:
         trace: Of one test.
         reversals: φ (rad) at which axes reverse, by their letters; none are drawn where they are missing.
         small: As a small multiple: without labels.
-        step_um: µm per division; chosen where it is missing.
     """
     measured, simulated = trace.centred
-    step = step_um or division_um([v for v in (measured, simulated) if v is not None])
+    step = division_um([v for v in (measured, simulated) if v is not None])
     parts = [_grid(small)]
     for name, values in (("measured", measured), ("simulated", simulated)):
         if values is not None:

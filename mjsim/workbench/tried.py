@@ -3,36 +3,120 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
-from mjsim.io.toml import read_text
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
-from mjsim.units import UM
 from mjsim.workbench import catalogue
 from mjsim.workbench import save as saving
-from mjsim.workbench.gains import Gain, Gains
-from mjsim.workbench.ladder import Ladder
-from mjsim.workbench.opened import OpenCampaign
-from mjsim.workbench.overlay import Overlay, overlay, with_one
-from mjsim.workbench.readings import Readings
+from mjsim.workbench.gains import Gain
+
+# -- the ladder of the workbench ---------------------------------------------------------------------------------------
 
 
-class Shared:
-    """What all workbenches of one campaign share: the campaign, simulated readings, signatures.
+@dataclass(frozen=True)
+class Rung:
+    """One model that was tried.
 
-    Args:
-        opened: The campaign.
+    Attributes:
+        label: What was changed, such as ``+ backlash.A``.
+        machine: The model.
+        merge: Further changes with the same key replace this rung: a slider on its way makes one rung, not a hundred.
+        rms: Residual RMS over all measured tests, m; ``None`` until it is known, and without traces.
+        engine: What ``rms`` was simulated with.
     """
 
-    def __init__(self, opened: OpenCampaign) -> None:
-        self.opened = opened
-        self.readings = Readings(opened)
-        self.gains = Gains(opened) if opened.problem is not None else None
-        self.text = read_text(opened.machine.path) if opened.machine.path else ""
+    label: str
+    machine: Machine
+    merge: Hashable = None
+    rms: float | None = None
+    engine: str = ""
+
+
+class Ladder:
+    """Models in the order in which they were tried, and the one that is present.
+
+    Args:
+        machine: The model to begin with.
+        label: Its name.
+    """
+
+    def __init__(self, machine: Machine, label: str = "machine as given") -> None:
+        self.rungs: list[Rung] = [Rung(label, machine)]
+        self.place = 0
+
+    @property
+    def present(self) -> Rung:
+        """The rung one stands on."""
+        return self.rungs[self.place]
+
+    @property
+    def machine(self) -> Machine:
+        """The present model."""
+        return self.present.machine
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a model before the present one."""
+        return self.place > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a model was undone."""
+        return self.place + 1 < len(self.rungs)
+
+    def push(self, label: str, machine: Machine, merge: Hashable = None) -> None:
+        """Put a model behind the present one; what was undone is dropped.
+
+        Args:
+            label: What was changed.
+            machine: The model.
+            merge: Key of :class:`Rung`; a rung with the same key, which is present and not the first, is replaced.
+        """
+        same = merge is not None and self.place > 0 and self.present.merge == merge
+        del self.rungs[self.place + (0 if same else 1) :]
+        self.rungs.append(Rung(label, machine, merge))
+        self.place = len(self.rungs) - 1
+
+    def undo(self) -> bool:
+        """Go back by one model; whether there was one."""
+        if not self.can_undo:
+            return False
+        self.place -= 1
+        return True
+
+    def redo(self) -> bool:
+        """Go forward to the model that was undone last; whether there was one."""
+        if not self.can_redo:
+            return False
+        self.place += 1
+        return True
+
+    def go(self, place: int) -> None:
+        """Go to the rung with this number.
+
+        Raises:
+            IndexError: there is none.
+        """
+        if not 0 <= place < len(self.rungs):
+            raise IndexError(f"the ladder has the rungs 0 to {len(self.rungs) - 1}, not {place}")
+        self.place = place
+
+    def note(self, machine: Machine, rms: float, engine: str) -> None:
+        """Write the error of a model to its rungs.
+
+        Args:
+            machine: The model.
+            rms: Residual RMS over all measured tests, m.
+            engine: What it was simulated with.
+        """
+        for i, rung in enumerate(self.rungs):
+            if rung.machine is machine:
+                self.rungs[i] = replace(rung, rms=rms, engine=engine)
 
 
 class ChangedModel:
@@ -192,76 +276,3 @@ class ChangedModel:
     def redo(self) -> bool:
         """Go forward again by one model; whether there was one."""
         return self.ladder.redo()
-
-
-class TriedModel(ChangedModel):
-    """A model of a ball-bar campaign that is changed effect by effect, with its error.
-
-    Args:
-        shared: Of the campaign.
-    """
-
-    def __init__(self, shared: Shared) -> None:
-        super().__init__(shared.opened.campaign, shared.opened.machine, shared.text)
-        self.shared, self.opened = shared, shared.opened
-
-    @property
-    def can_fit(self) -> bool:
-        """Whether a test was measured."""
-        return self.shared.gains is not None
-
-    def quick(self, machine: Machine | None = None) -> Overlay:
-        """The present model (or another one) over all tests, with what is there of the multibody model and the drives
-        alone for the rest; some 0.1 s.
-
-        Raises:
-            InputError: An effect acts on what the machine does not have.
-            SimulationError: A drive is unstable.
-        """
-        machine = machine or self.machine
-        kept = self.shared.readings.kept(machine)
-        missing = [t.name for t in self.opened.tests if t.name not in kept]
-        alone = self.shared.readings.drives_alone(machine, missing) if missing else {}
-        return self._noted(overlay(self.opened, machine, alone | kept))
-
-    def quick_one(self, name: str, now: Overlay) -> Overlay:
-        """One test of the present model beside the other tests of an earlier overlay: what a page can show first; some
-        0.01 s.
-
-        Raises:
-            InputError: An effect acts on what the machine does not have.
-            SimulationError: A drive is unstable.
-        """
-        machine, readings = self.machine, self.shared.readings
-        found = readings.kept(machine, [name]) or readings.drives_alone(machine, [name])
-        return with_one(self.opened, machine, name, found[name], now)
-
-    def full(self, names: Sequence[str] | None = None, machine: Machine | None = None) -> Overlay:
-        """As :meth:`quick`, after some tests (all) were simulated in the multibody model.
-
-        Args:
-            names: Of the tests.
-            machine: In place of the present model.
-
-        Raises:
-            InputError: There is no multibody model of such a machine.
-            SimulationError: The simulation cannot be trusted.
-        """
-        machine = machine or self.machine
-        self.shared.readings.multibody(machine, names if names is not None else [t.name for t in self.opened.tests])
-        return self.quick(machine)
-
-    def _noted(self, result: Overlay) -> Overlay:
-        if result.rms is not None:
-            self.ladder.note(result.machine, result.rms, result.engine)
-        return result
-
-    @property
-    def noise(self) -> float | None:
-        """RMS of one sample's noise, m; ``None`` where nothing was measured."""
-        return self.opened.problem.noise.rms if self.opened.problem is not None else None
-
-    def __repr__(self) -> str:
-        rms = self.ladder.present.rms
-        error = f", residual RMS {rms / UM:.3f} µm ({self.ladder.present.engine})" if rms is not None else ""
-        return f"<{type(self).__name__} {self.campaign.name}: {self.ladder.present.label}{error}>"

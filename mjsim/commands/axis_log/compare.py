@@ -16,8 +16,7 @@ from mjsim.inference.axis_logs.data import AxisData, axis_data, check_controller
 from mjsim.inference.axis_logs.entries import SHIFT, ZERO, AxisModel
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.start import MOST_SHIFT
-from mjsim.instruments.axis_log.circle import circle_part, radial_deviation
-from mjsim.instruments.axis_log.measurement import LogTest, Recording, recorded_axes
+from mjsim.instruments.axis_log.measurement import LogTest, Recording, circle_part, radial_deviation, recorded_axes
 from mjsim.instruments.base import INSTRUMENTS, Channel
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, silent

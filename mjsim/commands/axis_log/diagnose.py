@@ -36,8 +36,7 @@ from mjsim.instruments.axis_log.signals import (
     used_up_to_a_factor,
     used_without_law,
 )
-from mjsim.machine.model import Machine
-from mjsim.machine.sheet_names import sheet_name
+from mjsim.machine.model import Machine, sheet_name
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 

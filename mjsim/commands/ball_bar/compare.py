@@ -16,7 +16,6 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.samples import GRID_STEPS
 from mjsim.inference.vibration import at_own_noise, phased_at
 from mjsim.instruments.ball_bar.acceptance import Measured, judge
-from mjsim.instruments.ball_bar.events import event_at, reversals
 from mjsim.instruments.ball_bar.iso230 import (
     BidirectionalFigures,
     CircularFigures,
@@ -25,8 +24,7 @@ from mjsim.instruments.ball_bar.iso230 import (
 )
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.ball_bar.program import Program
-from mjsim.instruments.ball_bar.speed import range_warning, speed_warnings
+from mjsim.instruments.ball_bar.program import Program, event_at, range_warning, reversals, speed_warnings
 from mjsim.instruments.base import Channel
 from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent

@@ -10,9 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from mjsim.compensation.arithmetic import Arithmetic
-from mjsim.compensation.tables import Corrections, Grid, Table, rounded, sampled, scale
-from mjsim.compensation.terms import Term, Wanted
-from mjsim.compensation.worth import Left
+from mjsim.compensation.tables import Corrections, Grid, Left, Table, Term, Wanted, rounded, sampled, scale
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM
 

@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjsim.compensation.controls.base import Control
-from mjsim.compensation.tables import Corrections, Grid, Table, rounded, scale
-from mjsim.compensation.terms import Wanted
+from mjsim.compensation.tables import Corrections, Grid, Table, Wanted, rounded, scale
 from mjsim.machine.axis import COORDINATES, TURNING
 from mjsim.machine.chain import Chain
 from mjsim.units import DEG, MM

@@ -5,8 +5,7 @@ from __future__ import annotations
 from mjsim.compensation.arithmetic import Arithmetic, Ramp, sticks
 from mjsim.compensation.controls.base import Control, table_and_tilt
 from mjsim.compensation.tables import Corrections, Grid, Table, scale
-from mjsim.machine.chain import SENSES, Chain
-from mjsim.machine.reach import usual_speed
+from mjsim.machine.chain import SENSES, Chain, usual_speed
 from mjsim.units import MM
 
 #: MAX_ACCELERATION of a joint where the user does not say, mm/s² or °/s² (assumed).

@@ -19,7 +19,7 @@ import numpy as np
 from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.inference.budget import Budget, explained_by
-from mjsim.machine.sheet_names import SHEET_NAMES, sheet_name
+from mjsim.machine.model import SHEET_NAMES, sheet_name
 from mjsim.units import unit_of
 
 #: What makes each row smaller.

@@ -15,7 +15,7 @@ from mjsim.digits import with_interval
 from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.machine.effect import Effect
-from mjsim.machine.sheet_names import sheet_name
+from mjsim.machine.model import sheet_name
 
 #: Most numbers that are taken as found, and the standard normal deviate of a 95 % interval.
 _MOST, _95 = 3, 1.96

@@ -18,8 +18,8 @@ from mjsim.inference.mistakes.mistakes import MISTAKES, MistakeSettings, unit_of
 from mjsim.inference.nuisance import LENGTH, SPINDLE_BALL, TABLE_BALL, TRIGGER
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.plant import Plant
-from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion
 
 #: Spikes are what is left above this time constant of a Gaussian, s: friction's last some 0.1 s at every feed.

@@ -13,11 +13,9 @@ import numpy as np
 from mjsim.inference.settings import PLAN
 from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.instruments.ball_bar.program import Program
-from mjsim.instruments.ball_bar.speed import commanded_speed
+from mjsim.instruments.ball_bar.program import Program, commanded_speed
 from mjsim.instruments.r_test.measurement import SphereReading
-from mjsim.machine.chain import COORDINATES, Chain
-from mjsim.machine.reach import usual_speed, usual_travel
+from mjsim.machine.chain import COORDINATES, Chain, usual_speed, usual_travel
 from mjsim.units import DEG, MM
 
 #: Feeds that are looked at, m/s: all of them around the best tests, and two in the first round.

@@ -24,8 +24,8 @@ from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.problem import KeptChanges, sheet_grid, sheet_plants
 from mjsim.inference.samples import BLOCKS, GRID_STEPS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
-from mjsim.machine.sensitivity import BarSensitivity
 from mjsim.simulation.axes import AxesMotion, motions_of
 
 _STEP = 0.02

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.machine.axis import COORDINATES, arc_words
-from mjsim.machine.chain import Chain
-from mjsim.machine.reach import usual_speed
+from mjsim.machine.chain import Chain, usual_speed
 from mjsim.units import DEG, MM
 
 #: Acceleration of a usual control, m/s² and rad/s², and the time of a stop, s (assumed).

@@ -165,12 +165,12 @@ def step_of(values: np.ndarray) -> float:
 def held(test: LogTest, recording: Recording) -> list[Finding]:
     """Channels that are read anew at every n-th sample only."""
     return [
-        Finding(
+        _finding(
             "held",
             test.name,
-            (axis,),
-            f"{test.name}: the {_words(name)} of {axis} is held: it takes a new value at every "
-            f"{_ordinal(n)} sample only, each {1e3 * n * recording.step:.4g} ms; "
+            axis,
+            f"the {_words(name)} of {axis} is held: it takes a new value at every {_ordinal(n)} sample only, each "
+            f"{1e3 * n * recording.step:.4g} ms; "
             + ("straight lines join them" if name in _MEASURED else "it is taken as it is"),
         )
         for (axis, name), n in recording.held.items()
@@ -184,15 +184,9 @@ def steps(test: LogTest, recording: Recording, recorder: Recorder) -> list[Findi
         stated, found = recorder.stated_step_of(test.chain, axis), encoder_step(recording, axis)
         if found > 1.5 * stated:
             size, unit, key = _shown(test, axis)
-            out.append(
-                Finding(
-                    "step",
-                    test.name,
-                    (axis,),
-                    f"{test.name}: the encoder of {axis} has steps of {found / size:.4g} {unit} in the file, "
-                    f"{key} = {stated / size:.4g} in campaign.toml; the larger one is taken",
-                )
-            )
+            said = f"the encoder of {axis} has steps of {found / size:.4g} {unit} in the file, "
+            said += f"{key} = {stated / size:.4g} in campaign.toml; the larger one is taken"
+            out.append(_finding("step", test.name, axis, said))
     return out
 
 
@@ -235,13 +229,9 @@ def limits(test: LogTest, recording: Recording) -> list[Finding]:
             most = float(np.abs(values).max())
             at = np.abs(values) > most * (1.0 - _AT_MOST)
             longest = _longest(at)[1]
-            said = f"{test.name}: the {_words(name)} of {axis} stands at {most:.4g} {unit} in {int(at.sum())} samples, "
-            said += (
-                f"{longest * recording.step:.3g} s on end, while the following error changes: a limit of the drive, "
-            )
-            out.append(
-                Finding("limit", test.name, (axis,), said + "which the machine file states as clip_Nm or clip_V")
-            )
+            said = f"the {_words(name)} of {axis} stands at {most:.4g} {unit} in {int(at.sum())} samples, "
+            said += f"{longest * recording.step:.3g} s on end, while the following error changes: a limit of the drive,"
+            out.append(_finding("limit", test.name, axis, f"{said} which the machine file states as clip_Nm or clip_V"))
     return out
 
 
@@ -295,28 +285,15 @@ def impossible(test: LogTest, recording: Recording) -> list[Finding]:
         for name, most in _LARGEST.items():
             if name in channels and (largest := float(np.abs(channels[name]).max())) > most:
                 unit = _UNITS.get(name, "times the rated value")
-                out.append(
-                    Finding(
-                        "impossible",
-                        test.name,
-                        (axis,),
-                        f"{test.name}: the {_words(name)} of {axis} reaches {largest:,.6g} {unit}, and no drive of a "
-                        f"machine tool more than {most:,.6g}; correct the column's unit",
-                        refused=True,
-                    )
+                said = (
+                    f"the {_words(name)} of {axis} reaches {largest:,.6g} {unit}, and no drive of a machine tool more "
                 )
+                said += f"than {most:,.6g}; correct the column's unit"
+                out.append(_finding("impossible", test.name, axis, said, refused=True))
         for name in ("velocity", "velocity_command"):
             if name in channels and (ratio := _of_motion(recording, axis, name)) and not 0.5 < ratio < 2.0:
-                out.append(
-                    Finding(
-                        "impossible",
-                        test.name,
-                        (axis,),
-                        f"{test.name}: the {_words(name)} of {axis} is {ratio:.4g} times the velocity of its command; "
-                        f"correct the column's unit",
-                        refused=True,
-                    )
-                )
+                said = f"the {_words(name)} of {axis} is {ratio:.4g} times the velocity of its command; "
+                out.append(_finding("impossible", test.name, axis, f"{said}correct the column's unit", refused=True))
     return out
 
 
@@ -340,23 +317,20 @@ def not_used(test: LogTest, recording: Recording) -> list[Finding]:
 
 def not_used_because(test: str, axis: str, name: str, why: str) -> Finding:
     """The sentence that a channel of a log is not used."""
-    said = f"{test}: the {_words(name)} of {axis} is recorded and not used by diagnose: {why}"
-    return Finding("not used", test, (axis,), said)
+    return _finding("not used", test, axis, f"the {_words(name)} of {axis} is recorded and not used by diagnose: {why}")
 
 
 def counts_against(test: str, axis: str, name: str) -> Finding:
     """The sentence that a channel of a log has the sign against the direction of its axis."""
-    said = f"{test}: the {_words(name)} of {axis} counts against the direction of the position; its sign is turned"
-    return Finding("used", test, (axis,), said)
+    said = f"the {_words(name)} of {axis} counts against the direction of the position; its sign is turned"
+    return _finding("used", test, axis, said)
 
 
 def used_without_law(test: str, axis: str, name: str, why: str) -> Finding:
     """The sentence that a channel of a log is held against the model's torque, and says nothing about the control."""
     number = "" if name in ("torque", "force") else " times a number that is not known"
-    said = (
-        f"{test}: the {_words(name)} of {axis} is held against the torque of the model{number}; no gain of the control "
-    )
-    return Finding("used", test, (axis,), f"{said}is read from it: {why}")
+    said = f"the {_words(name)} of {axis} is held against the torque of the model{number}; no gain of the control is "
+    return _finding("used", test, axis, f"{said}read from it: {why}")
 
 
 def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) -> Finding:
@@ -371,14 +345,15 @@ def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) ->
     what = " and ".join(said)
     constant = "; the torque constant, torque_constant_Nm_per_A of the drive, gives the velocity gain and separates it "
     constant += "from the inertia"
-    return Finding(
-        "used",
-        test,
-        (axis,),
-        f"{test}: the {_words(name)} of {axis} is taken for the torque of the motor times a number that is not known, "
-        f"of either sign: {what} of the control follow from it, and what share of it is friction; no inertia"
-        + (constant if name == "current" else "; record the torque in N m for that"),
+    said = f"the {_words(name)} of {axis} is taken for the torque of the motor times a number that is not known, of "
+    said += f"either sign: {what} of the control follow from it, and what share of it is friction; no inertia"
+    return _finding(
+        "used", test, axis, said + (constant if name == "current" else "; record the torque in N m for that")
     )
+
+
+def _finding(kind: str, test: str, axis: str, said: str, refused: bool = False) -> Finding:
+    return Finding(kind, test, (axis,), f"{test}: {said}", refused)
 
 
 def _words(name: str) -> str:

@@ -9,11 +9,9 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from mjsim.instruments.ball_bar.files import check_span, test_of, test_table
+from mjsim.instruments.ball_bar.files import BallBarTable, ball_bar_table, check_span, read_trace, test_of, test_table
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
-from mjsim.instruments.ball_bar.tables import BallBarTable, ball_bar_table
-from mjsim.instruments.ball_bar.traces import read_trace
 from mjsim.instruments.base import Instrument, Observation, register
 from mjsim.instruments.schema import GainUncertainty, Text
 from mjsim.machine.chain import Chain

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from mjsim.instruments.ball_bar.commanded import Commanded
-from mjsim.instruments.ball_bar.feed import ACCELERATION, trapezoid
-from mjsim.instruments.ball_bar.follow import Followed, follow, own_path
+from mjsim.instruments.ball_bar.follow import ACCELERATION, Followed, follow, own_path, trapezoid
 from mjsim.instruments.ball_bar.kinds import Kind, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
-from mjsim.units import DEG
+from mjsim.machine.chain import usual_speed
+from mjsim.units import DEG, MM
 
 
 @dataclass(frozen=True)
@@ -126,3 +126,79 @@ def driven_by(test: BallBarTest, motion: Commanded, name: str = "NC program") ->
     """
     motion = own_path(test, motion, name)
     return follow(test, motion, Program(replace(test, commanded=None)).measured_ends, name)
+
+
+# -- axis events along a test ------------------------------------------------------------------------------------------
+
+#: Extent within which a point counts as being at a reversal, rad of the test's angle.
+NEAR = np.radians(6.0)
+
+#: Reversals so close to an end of the measured part still show in it, s.
+_EDGE = 0.2
+
+
+def reversals(program: Program) -> dict[str, np.ndarray]:
+    """Signed test angles φ (rad) at which each axis reverses in the measured part, its ends included; other axes
+    are left out.
+    """
+    lo, hi = program.measured_span
+    time = np.linspace(max(0.0, lo - _EDGE), min(program.duration, hi + _EDGE), 20001)
+    q, phi = program.commands(time), program.phi(time)
+    out = {}
+    for i, axis in enumerate(program.test.chain.letters):
+        step = np.diff(q[:, i])
+        step[np.abs(step) < 1e-12] = 0.0
+        moving = np.flatnonzero(step)
+        if len(moving) < 2:
+            continue
+        turn = moving[np.flatnonzero(np.diff(np.sign(step[moving])))]
+        if len(turn):
+            out[axis] = phi[turn + 1]
+    return out
+
+
+def event_at(phi: float, events: dict[str, np.ndarray]) -> str:
+    """The axis event nearest to an angle: ``"reversal of Y"``, or ``"between reversals"``."""
+    near = [(float(np.min(np.abs(a - phi))), axis) for axis, a in events.items()]
+    distance, axis = min(near, default=(np.inf, ""))
+    return f"reversal of {axis}" if distance <= NEAR else "between reversals"
+
+
+# -- what a test asks of the axes, and what looks impossible about it --------------------------------------------------
+
+#: Instants that are looked at.
+_INSTANTS = 721
+
+
+def commanded_speed(test: BallBarTest) -> tuple[np.ndarray, np.ndarray]:
+    """Axis commands (n, axes) m and rad along a test, and the highest speed of each axis (axes,) m/s and rad/s."""
+    program = Program(test)
+    time = np.linspace(0.0, program.duration, _INSTANTS)
+    q = program.commands(time)
+    return q, np.abs(np.gradient(q, time, axis=0)).max(axis=0)
+
+
+def speed_warnings(test: BallBarTest) -> list[str]:
+    """One sentence per axis that the test moves faster than an ordinary machine can; empty where there is none."""
+    _, speed = commanded_speed(test)
+    out = []
+    for axis, v, most in zip(test.chain.axes, speed, usual_speed(test.chain), strict=True):
+        scale, unit = (DEG, "°/s") if axis.rotary else (MM / 60.0, "mm/min")
+        if v > most:
+            out.append(
+                f"{test.name}: {axis.letter} has to move at {v / scale:.0f} {unit}; an ordinary machine reaches "
+                f"{most / scale:.0f} {unit}. "
+                "A lower feed or another path needs less."
+            )
+    return out
+
+
+def range_warning(test: BallBarTest, deviation: np.ndarray, sensor_range: float) -> str:
+    """A sentence where a reading (n,) m leaves the sensor's range (m); empty where it does not."""
+    largest = float(np.abs(deviation).max())
+    if largest <= sensor_range:
+        return ""
+    return (
+        f"{test.name}: the reading reaches {largest / MM:.3g} mm, beyond the sensor's range of "
+        f"±{sensor_range / MM:g} mm."
+    )

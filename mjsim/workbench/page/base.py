@@ -11,12 +11,51 @@ from nicegui.events import KeyEventArguments
 from mjsim.errors import InputError, SimulationError
 from mjsim.units import UM
 from mjsim.workbench.jobs import Stopped
-from mjsim.workbench.live import Live
+from mjsim.workbench.live import Live, RecordingsLive
+from mjsim.workbench.overlay import MULTIBODY
 from mjsim.workbench.page.effects import EffectsPanel
 from mjsim.workbench.page.findings import JobPanel
-from mjsim.workbench.page.ladder import LadderPanel
-from mjsim.workbench.readings import MULTIBODY
-from mjsim.workbench.recordings_live import RecordingsLive
+
+# -- the ladder on the page --------------------------------------------------------------------------------------------
+
+
+class LadderPanel:
+    """Draws the ladder.
+
+    Args:
+        live: The workbench.
+        on_change: Called after another model was chosen.
+    """
+
+    def __init__(self, live: Live | RecordingsLive, on_change: Callable[[], None]) -> None:
+        self.live, self.on_change = live, on_change
+        self._seen: tuple = ()
+        with ui.element("div").classes("title"):
+            ui.label("Ladder")
+            ui.label("residual RMS in µm").classes("soft")
+        self.rows = ui.element("div").classes("ladder").mark("ladder")
+
+    def draw(self) -> None:
+        """Draw the rungs again, if they have changed."""
+        ladder = self.live.bench.ladder
+        seen = (ladder.place, tuple((r.label, r.rms) for r in ladder.rungs))
+        if seen == self._seen:
+            return
+        self._seen = seen
+        self.rows.clear()
+        with self.rows:
+            for place, rung in reversed(list(enumerate(ladder.rungs))):
+                row = ui.element("button").classes("rung").mark(f"rung {place}")
+                row.classes("chosen" if place == ladder.place else "undone" if place > ladder.place else "")
+                row.on("click", lambda _, place=place: self._go(place))
+                with row:
+                    ui.label(rung.label).classes("label").tooltip(rung.label)
+                    ui.label(f"{rung.rms / UM:.3f}" if rung.rms is not None else "…").classes("value")
+
+    def _go(self, place: int) -> None:
+        self.live.bench.ladder.go(place)
+        self.on_change()
+
 
 #: The page looks for news so often, s.
 _TICK = 0.03

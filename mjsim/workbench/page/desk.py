@@ -15,10 +15,9 @@ from mjsim.io.extras import need
 from mjsim.progress import Progress
 from mjsim.workbench.bodies import MachineBodies
 from mjsim.workbench.live import Live
-from mjsim.workbench.page.base import BaseDesk
+from mjsim.workbench.page.base import BaseDesk, LadderPanel
 from mjsim.workbench.page.effects import EffectsPanel
 from mjsim.workbench.page.findings import FindingsPanel
-from mjsim.workbench.page.ladder import LadderPanel
 from mjsim.workbench.page.machine import MachinePanel
 from mjsim.workbench.page.part import PartDialog
 from mjsim.workbench.page.traces import Traces

@@ -8,11 +8,9 @@ from nicegui import ui
 
 from mjsim import digits
 from mjsim.errors import InputError
-from mjsim.machine.effect import Effect
-from mjsim.machine.parameter import Parameter
+from mjsim.machine.effect import Effect, Parameter
 from mjsim.workbench import catalogue
-from mjsim.workbench.live import Live
-from mjsim.workbench.recordings_live import RecordingsLive
+from mjsim.workbench.live import Live, RecordingsLive
 
 #: A row of the tree; Quasar fills in the node.
 _ROW = """

@@ -13,11 +13,10 @@ from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import estimate, interval
 from mjsim.inference.budget import Budget
 from mjsim.machine.effect import Effect
-from mjsim.machine.sheet_names import sheet_name
+from mjsim.machine.model import sheet_name
 from mjsim.units import DEG, UM
 from mjsim.workbench import catalogue
-from mjsim.workbench.live import Live
-from mjsim.workbench.recordings_live import RecordingsLive
+from mjsim.workbench.live import Live, RecordingsLive
 
 
 class JobPanel:

@@ -9,7 +9,7 @@ import numpy as np
 from nicegui import ui
 
 from mjsim.inference.samples import GRID, GRID_STEPS
-from mjsim.machine.subjects import axis_of_subject
+from mjsim.machine.effect import axis_of_subject
 from mjsim.plots import style
 from mjsim.units import DEG
 from mjsim.workbench import catalogue

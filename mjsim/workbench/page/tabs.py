@@ -8,13 +8,11 @@ from collections import OrderedDict
 from mjsim.campaign.model import Campaign
 from mjsim.machine.bodies import has_model
 from mjsim.machine.model import Machine
-from mjsim.workbench.bodies import MachineBodies
-from mjsim.workbench.live import Live
+from mjsim.workbench.bodies import MachineBodies, stl_of
+from mjsim.workbench.live import Live, RecordingsLive
 from mjsim.workbench.page.desk import Desk
-from mjsim.workbench.page.recordings_desk import RecordingsDesk
-from mjsim.workbench.recordings_live import RecordingsLive
-from mjsim.workbench.state import Workbench, bench_of, shared_of
-from mjsim.workbench.tried import Shared
+from mjsim.workbench.page.recordings import RecordingsDesk
+from mjsim.workbench.state import Shared, Workbench, bench_of, shared_of
 
 #: Tabs whose state is kept, the ones closed last included.
 _TABS = 12
@@ -63,8 +61,6 @@ class Tabs:
             return None
         with self._lock:
             if name not in self._meshes:
-                from mjsim.workbench.meshes import stl_of  # slow to load, and the traces come first
-
                 self._meshes[name] = stl_of(self._bodies.model, geoms)
             return self._meshes[name]
 

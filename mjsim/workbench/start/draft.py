@@ -21,20 +21,24 @@ from mjsim.campaign.files import campaign_from, read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import MachineTemplate, template_named
 from mjsim.campaign.model import Campaign
-from mjsim.campaign.new import check_new_folder, planned_text
-from mjsim.campaign.new_machine import axis_table, check_position_gain, log_campaign_text, machine_text
+from mjsim.campaign.new import (
+    axis_table,
+    check_new_folder,
+    check_position_gain,
+    log_campaign_text,
+    machine_text,
+    planned_text,
+)
 from mjsim.commands.check import check
 from mjsim.errors import InputError
-from mjsim.importing.b5r import looks_like_xml
-from mjsim.importing.b5r_runs import read_recorded
+from mjsim.importing.b5r import looks_like_xml, read_recorded
 from mjsim.importing.features import import_features, read_features
 from mjsim.importing.formats import read_any
-from mjsim.importing.header import test_keys
 from mjsim.importing.importer import ImportedTrace, import_traces
 from mjsim.importing.into_campaign import test_name
-from mjsim.importing.log_columns import columns_of
-from mjsim.importing.logs import ImportedLog, import_log
+from mjsim.importing.logs import ImportedLog, columns_of, import_log
 from mjsim.importing.reading import Options
+from mjsim.importing.sources import test_keys
 from mjsim.importing.table import Table
 from mjsim.inference.mistakes.sense import with_other_sense
 from mjsim.instruments.axis_log.measurement import LogTest

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from html import escape
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,19 +14,178 @@ from nicegui.events import UploadEventArguments
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES
-from mjsim.campaign.new import BALL_BAR
-from mjsim.campaign.new_machine import turns_of
+from mjsim.campaign.new import BALL_BAR, turns_of
 from mjsim.errors import InputError, SimulationError
+from mjsim.importing.into_campaign import test_name
+from mjsim.importing.reading import Options
 from mjsim.inference.planning.whole_campaign import CampaignPlan, CampaignPlanner, told_sentences
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import CIRCULAR
-from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
+from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.chain import SENSES
 from mjsim.units import DEG, MM, UM
+from mjsim.workbench.lines import thinned
 from mjsim.workbench.start.draft import INSTRUMENTS, Draft, Dropped
-from mjsim.workbench.start.preview import preview_of_series, preview_of_trace
 from mjsim.workbench.start.recent import recent, remember
-from mjsim.workbench.start.trace_form import TraceForm
+
+# -- A small picture of what a dropped file holds ----------------------------------------------------------------------
+
+_WIDE, _HIGH = 240.0, 84.0
+_PARTS = 220
+#: Radius of the nominal circle of a polar picture, and of its rim.
+_NOMINAL, _RIM = 26.0, 38.0
+
+
+def preview_of_trace(test: BallBarTest, trace: Trace) -> str:
+    """A trace of a ball bar as SVG: over the time, and for a whole circle also polar.
+
+    Args:
+        test: The test.
+        trace: What was recorded.
+    """
+    value = np.where(trace.valid, trace.deviation, np.nan) / UM
+    value = value - np.nanmean(value)
+    largest = max(float(np.nanmax(np.abs(value))), 1e-6)
+    parts = [_line(trace.time, value, largest), _label(f"± {largest:.3g} µm in {np.ptp(trace.time):.0f} s")]
+    if kind_of(test).goes_round:
+        parts.append(_polar(Program(test).phi(trace.time), value / largest))
+    return _framed(f"{test.name}: deviation over the time", parts, _WIDE + (88 if len(parts) > 2 else 0))
+
+
+def preview_of_series(name: str, time: np.ndarray, value: np.ndarray, unit: str) -> str:
+    """A recorded quantity over the time as SVG.
+
+    Args:
+        name: Of what it shows.
+        time: (n,) s.
+        value: (n,) in ``unit``.
+        unit: As the label has it.
+    """
+    value = value - np.nanmean(value)
+    largest = max(float(np.nanmax(np.abs(value))), 1e-9)
+    words = _label(f"{name}: ± {largest:.3g} {unit} in {np.ptp(time):.3g} s")
+    return _framed(f"{name} over the time", [_line(time, value, largest), words], _WIDE)
+
+
+def _line(time: np.ndarray, value: np.ndarray, largest: float) -> str:
+    place, thin = thinned(time, value, _PARTS)
+    x = (place - time[0]) / max(float(np.ptp(time)), 1e-9) * _WIDE
+    y = 0.5 * _HIGH - thin / largest * 0.42 * _HIGH
+    middle = f'<line class="grid" x1="0" y1="{0.5 * _HIGH}" x2="{_WIDE}" y2="{0.5 * _HIGH}"/>'
+    return middle + f'<path class="measured" d="{_joined(x, y)}"/>'
+
+
+def _polar(phi: np.ndarray, share: np.ndarray) -> str:
+    angle, thin = thinned(phi, share, _PARTS)
+    radius = _NOMINAL + thin * (_RIM - _NOMINAL)
+    x, y = _WIDE + 44 + radius * np.cos(angle), 0.5 * _HIGH - radius * np.sin(angle)
+    circle = f'<circle class="grid" cx="{_WIDE + 44}" cy="{0.5 * _HIGH}" r="{_NOMINAL}"/>'
+    return circle + f'<path class="measured" d="{_joined(x, y)}"/>'
+
+
+def _joined(x: np.ndarray, y: np.ndarray) -> str:
+    there = np.isfinite(x) & np.isfinite(y)
+    return "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[there], y[there], strict=True)) if there.any() else ""
+
+
+def _label(words: str) -> str:
+    return f'<text x="2" y="{_HIGH - 3}">{escape(words)}</text>'
+
+
+def _framed(title: str, parts: list[str], wide: float) -> str:
+    box = f'viewBox="0 0 {wide:g} {_HIGH:g}" style="width: {wide:g}px; height: {_HIGH:g}px"'
+    return f'<svg class="preview" {box} role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
+
+
+# -- the form of one dropped trace -------------------------------------------------------------------------------------
+
+_NEW = "a new test"
+_UNITS = ("as the file says", "um", "mm", "inch")
+
+
+class TraceForm:
+    """Builds the form in the present element.
+
+    Args:
+        draft: The campaign in the making.
+        file: Name of the dropped file.
+        dropped: What is known of it.
+        bring: Called with what brings the trace in, once the form is filled in.
+    """
+
+    def __init__(
+        self, draft: Draft, file: str, dropped: Dropped, bring: Callable[[Callable[[], Any]], Awaitable[None]]
+    ) -> None:
+        self.draft, self.file, self.dropped, self.bring = draft, file, dropped, bring
+        machine = draft.machine
+        assert machine is not None  # a trace is taken only then
+        self.chain = machine.chain
+        kinds = [k.name for k in KINDS.values() if not k.cannot(self.chain)]
+        last = draft.tests[-1] if draft.tests else {}
+        ball = dropped.keys.get("table_ball_mm") or last.get("table_ball_mm") or [0.0, 0.0, 155.0]
+        kind = dropped.keys.get("kind")
+        waiting = [t["name"] for t in draft.tests if "trace" not in t]
+        with ui.element("div").classes("row"):
+            self.test = ui.select([_NEW, *waiting], value=_NEW, label="Which test is it?", on_change=self._draw)
+            self.test.classes("short").style("width: 230px")
+            self.kind = ui.select(kinds, value=kind if kind in kinds else kinds[0], label="Kind", on_change=self._draw)
+            self.kind.classes("short")
+            self.own = ui.element("div").classes("row")
+        self.common = ui.element("div").classes("row")
+        with self.common:
+            self.ball = [
+                ui.number(f"Table ball {letter}, mm", value=float(v)).classes("short").style("width: 130px")
+                for letter, v in zip(self.chain.linear, ball, strict=False)
+            ]
+            self.length = self._number("Bar, mm", "bar_length_mm", last, 100.0)
+            self.feed = self._number("Feed, mm/min", "feed_mm_min", last, 1000.0)
+            self.setup = ui.input("Set-up (a word)", value=str(last.get("setup", "first"))).classes("short")
+        with ui.element("div").classes("row"):
+            self.unit = ui.select(list(_UNITS), value=_UNITS[0], label="Unit of the deviation").style("width: 190px")
+            self.sign = ui.select(["outward", "inward"], value="outward", label="Positive is").classes("short")
+            button = ui.button("use it", on_click=lambda: self.bring(self._bring)).props("no-caps dense")
+            button.props(f'aria-label="use {file}"')
+        self.values: dict[str, Any] = {}
+        self._draw()
+
+    def _number(self, words: str, key: str, last: dict, usual: float) -> ui.number:
+        value = self.dropped.keys.get(key, last.get(key, usual))
+        return ui.number(words, value=float(value)).classes("short").style("width: 130px")
+
+    def _draw(self) -> None:
+        """The fields of the kind that is chosen; none for a test that is there already."""
+        new = self.test.value == _NEW
+        self.kind.visible = self.own.visible = self.common.visible = new
+        self.own.clear()
+        self.values = {}
+        with self.own:
+            for key in (k for k in KINDS[self.kind.value].keys if k.needed):
+                words, given = key.words_of(self.chain), self.dropped.keys.get(key.name)
+                label = key.name.removesuffix("_deg").replace("_", " ") + (", °" if key.name.endswith("_deg") else "")
+                if words:
+                    field: Any = ui.select(list(words), value=given if given in words else words[0], label=label)
+                else:
+                    field = ui.number(label, value=given)
+                self.values[key.name] = field.classes("short").tooltip(key.help)
+
+    def _bring(self) -> Any:
+        """Bring the trace in as the form says."""
+        unit = None if self.unit.value == _UNITS[0] else self.unit.value
+        options = Options(deviation_unit=unit, inward=self.sign.value == "inward")
+        if self.test.value != _NEW:
+            return self.draft.bring_in(self.file, self.test.value, None, options)
+        keys: dict[str, Any] = {"kind": self.kind.value}
+        keys |= {name: field.value for name, field in self.values.items() if field.value not in (None, "")}
+        keys |= {k: v for k, v in self.dropped.keys.items() if k == "revolutions"}
+        keys["table_ball_mm"] = [float(f.value or 0.0) for f in self.ball]
+        keys |= {"bar_length_mm": self.length.value, "feed_mm_min": self.feed.value}
+        if self.setup.value:
+            keys["setup"] = self.setup.value
+        keys = {k: v for k, v in keys.items() if v is not None}
+        return self.draft.bring_in(self.file, test_name(self.dropped.path), keys, options)
+
 
 #: Units of a position gain, and each in 1/s.
 GAINS = {"1/s": 1.0, "m/min/mm": 1000.0 / 60.0, "0.01/s (Fanuc)": 0.01, "1000/min (Siemens)": 1000.0 / 60.0}
@@ -522,8 +681,6 @@ class StartPage:
             rate = ui.number("or samples per s").classes("short")
 
             def bring() -> Any:
-                from mjsim.importing.reading import Options
-
                 pairs = (("command", command.value), ("actual", actual.value))
                 signals = tuple(f"{axis.value}_{s}={c}:{unit.value}" for s, c in pairs if c)
                 options = Options(time=clock.value or None, rate=float(rate.value) if rate.value else None)
