@@ -97,7 +97,7 @@ def test_reference_lists_every_public_function():
 
 
 def script_of(name):
-    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / "figures" / f"{name}.py")
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     return script
@@ -106,14 +106,14 @@ def script_of(name):
 def test_the_catalogue_is_up_to_date():
     """The page of effects says what the classes say, and every kind has its picture."""
     script = script_of("build_catalogue")
-    assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run scripts/build_catalogue.py"
+    assert script.PAGE.read_text(encoding="utf-8") == script.page(), "run scripts/figures/build_catalogue.py"
     drawn = {kind for kind, cls in script.shipped().items() if not cls.for_logs}
     assert {f.stem for f in script.IMAGES.glob("*.svg")} == drawn >= set(script.PANELS)
 
 
 def test_the_picture_of_the_rooms_is_up_to_date():
     script = script_of("build_architecture")
-    assert script.mermaid() in script.PAGE.read_text(encoding="utf-8"), "run scripts/build_architecture.py"
+    assert script.mermaid() in script.PAGE.read_text(encoding="utf-8"), "run scripts/figures/build_architecture.py"
     assert script.PICTURE.is_file()
 
 
