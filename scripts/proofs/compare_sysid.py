@@ -60,6 +60,8 @@ def by_sysid(record: AxisRecord, step: float, start: dict[str, float], free: tup
     import mujoco
     from mujoco import sysid  # pyright: ignore[reportAttributeAccessIssue]
 
+    if not hasattr(sysid, "optimize"):  # without its packages it is an empty module
+        raise SystemExit('mujoco.sysid needs packages of its own: pip install "mujoco[sysid]"')
     spec = mujoco.MjSpec.from_string(MODEL.format(step=step))
 
     def build(params, spec):
