@@ -397,7 +397,7 @@ def test_nothing_collides_in_the_papers_tests(solids, theta, beta, method):
 
 
 def test_where_solids_overlap_their_shapes_touch(solids):
-    """No part can pass through another unnoticed: 300 poses all over the travel, half of them with the spindle near
+    """No part can pass through another unnoticed: 150 poses all over the travel, half of them with the spindle near
     the table.
     """
     model, pieces = solids
@@ -407,7 +407,7 @@ def test_where_solids_overlap_their_shapes_touch(solids):
     low = np.array([-0.6, -0.6, -0.3, -np.radians(100), -np.pi])
     high = np.array([0.6, 0.6, 0.7, np.radians(100), np.pi])
     overlaps = 0
-    for k in range(300):
+    for k in range(150):
         pose = rng.uniform(low, high)
         if k % 2:
             pose[:3] = rng.uniform((-0.6, -0.5, -0.3), (0.6, 0.5, 0.1))
@@ -416,7 +416,7 @@ def test_where_solids_overlap_their_shapes_touch(solids):
         if deepest[0] < -0.001:
             overlaps += 1
             assert data.ncon > 0, (deepest, pose)
-    assert overlaps > 50  # it is no empty test
+    assert overlaps > 25  # it is no empty test
 
 
 @pytest.mark.parametrize(
@@ -474,7 +474,7 @@ def test_random_jogging(scene, engine_warnings):
     rng = np.random.default_rng(11)
     low, high = scene.actuator_ctrlrange.T
     deepest = 0.0
-    for _ in range(12):
+    for _ in range(6):
         data.ctrl[:] = rng.uniform(low, high)
         for _ in range(700):
             mujoco.mj_step(scene, data)
