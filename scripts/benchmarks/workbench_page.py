@@ -21,10 +21,10 @@ PATIENCE = 240_000
 
 
 class Opened:
-    """``mjsim open`` on a copy of an example, and its page; a context manager.
+    """``mjsim open`` on a copy of a campaign, and its page; a context manager.
 
     Args:
-        example: Name of the example; ``None`` for the start page.
+        example: Name of an example, or a campaign's folder; ``None`` for the start page.
         size: Of the page, pixels.
         dark: The browser asks for a dark page.
         video: Folder of a recording of the page; none is made where it is missing.
@@ -34,7 +34,7 @@ class Opened:
 
     def __init__(
         self,
-        example: str | None = "hidden-backlash",
+        example: str | Path | None = "hidden-backlash",
         size: tuple[int, int] = (1280, 800),
         dark: bool = False,
         video: Path | None = None,
@@ -43,7 +43,7 @@ class Opened:
 
     def __enter__(self) -> Opened:
         self._folder = tempfile.TemporaryDirectory()
-        self.campaign = Path(self._folder.name) / (self.example or "none")
+        self.campaign = Path(self._folder.name) / "campaign"
         if self.example is not None:
             shutil.copytree(examples() / self.example, self.campaign)
         self._playwright = sync_playwright().start()

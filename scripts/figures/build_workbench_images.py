@@ -1,8 +1,8 @@
 """Pictures and film of the workbench for the documentation, taken from the real page in headless Chromium.
 
-    .venv/bin/python scripts/figures/build_workbench_images.py [--film] [--all FOLDER] [--start]
+    .venv/bin/python scripts/figures/build_workbench_images.py [--film] [--all FOLDER] [--only start|log]
 
-Writes docs/images/workbench-*.png and start-page.png, with --start the latter alone; with --film also
+Writes docs/images/workbench-*.png and start-page.png, with --only one of them; with --film also
 docs/images/workbench.gif, the mission in some 20 s. With --all the pages are also taken in other sizes and in the dark,
 into a folder, to be looked at.
 """
@@ -15,8 +15,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.extend(str(Path(__file__).resolve().parents[2] / name) for name in ("scripts/benchmarks", "tests"))
 
+from independent import logs
 from PIL import Image
 from workbench_page import Opened, slider_of
 
@@ -33,14 +34,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--film", action="store_true", help="make the GIF as well")
     parser.add_argument("--all", type=Path, help="folder for pictures in other sizes and in the dark")
-    parser.add_argument("--start", action="store_true", help="the start page alone")
+    parser.add_argument("--only", choices=("start", "log"), help="one picture")
     options = parser.parse_args()
-    start_page(IMAGES / "start-page.png")
-    _small(IMAGES / "start-page.png")
-    if options.start:
+    for name, take, picture in (("start", start_page, "start-page.png"), ("log", log_page, "workbench-log.png")):
+        if options.only in (None, name):
+            take(IMAGES / picture)
+            _small(IMAGES / picture)
+    if options.only:
         return 0
-    with tempfile.TemporaryDirectory() as folder:
-        mission(Path(folder), options.film)
+    mission(options.film)
     if options.all:
         options.all.mkdir(parents=True, exist_ok=True)
         for size in ((1280, 800), (1920, 1080)):
@@ -78,7 +80,26 @@ def start_page(path: Path, size: tuple[int, int] = (1280, 800), dark: bool = Fal
         page.screenshot(path=path)
 
 
-def mission(folder: Path, film: bool) -> None:
+def log_page(path: Path) -> None:
+    """The logs of an axis whose machine file lacks a torque ripple, diagnosed."""
+    control, axis = logs.Control(), logs.Axis(coulomb=0.12, ripple=0.03, ripple_order=3.0, ripple_phase=0.7)
+    command = logs.to_and_fro(control.sample)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "strokes.csv").write_text(logs.csv(command, *logs.record(axis, control, command, 0.02e-6)))
+        (folder / "campaign.toml").write_text(logs.CAMPAIGN)
+        (folder / "machine.toml").write_text(logs.machine_toml(axis, control, False, 0.12))
+        with Opened(folder) as opened:
+            page = opened.page
+            page.locator("[data-effect='torque_ripple.X'] .percent").wait_for()
+            page.locator("button[aria-label='diagnose']").click()
+            page.locator(".card .head").first.wait_for()
+            page.get_by_text("show it in the traces").click()
+            page.wait_for_timeout(1500)
+            page.screenshot(path=path)
+
+
+def mission(film: bool) -> None:
     """Play the mission: see the jump, try by hand, diagnose, add, save."""
     frames: list[Image.Image] = []
     with Opened() as opened:
@@ -129,6 +150,7 @@ def mission(folder: Path, film: bool) -> None:
         page.screenshot(path=IMAGES / "workbench-added.png")
         shot(4)
         page.locator("button[aria-label='part']").click()
+        page.wait_for_timeout(700)  # a dialog that still opens would close the list again
         page.locator(".part-ask .q-select").first.click()
         page.get_by_role("option", name="cone").click()
         page.get_by_text("predict", exact=True).click()
