@@ -19,12 +19,8 @@ from mjsim.inference.vibration import separate
 from mjsim.machine.model import build
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts" / "benchmarks"))
-#: Campaigns with few tests each; other causes are looked for in the examples and in test_planning.
-CHOSEN = (
-    "null-020",
-    "sparse-pitch_error.C-16",
-    "sparse-torque_ripple.A-08",
-)
+#: Campaigns with few tests each; other causes are looked for in the examples, in test_planning and in test_worn_worm.
+CHOSEN = ("null-020", "sparse-torque_ripple.A-08")
 
 
 @cache
