@@ -29,7 +29,7 @@ PARTS = {
         "cone15-centre-ccw", "cone45-x50-ccw", "circle-xy-ccw", "rotary-a-tangential-ccw", "rotary-c-tangential-ccw",
     ),
     "hidden-backlash": TESTS,
-    "pitch-error": ("cone15-x50-ccw", "cone45-x50-ccw", "cone15-y50-ccw"),
+    "pitch-error": ("cone15-x50-ccw", "cone15-y50-ccw"),
     "two-candidates": ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw"),
     # C turns both ways: else its position and the time since it turned round are one
     "unlisted": ("cone15-x50-ccw", "cone15-y50-ccw", "rotary-c-tangential-cw"),
