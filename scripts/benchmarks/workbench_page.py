@@ -16,8 +16,8 @@ from playwright.sync_api import Page, sync_playwright
 from mjsim.io.resources import examples
 
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-#: Patience for one thing to appear, ms.
-PATIENCE = 240_000
+#: Patience for one thing to appear, ms: a diagnosis takes long where the machine is busy.
+PATIENCE = 900_000
 
 
 class Opened:
