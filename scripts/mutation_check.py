@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """Does the suite notice? Ten small bugs are planted one by one in a copy of the repository, and the tests have to fail
 each time.
 
-    scripts/mutation_check [NAME...]
+    .venv/bin/python scripts/mutation_check.py [NAME...]
 
 For each bug the tests nearest to it run first and then, unless they have failed, all others. Prints what noticed it and
 how long that took; exit status 1 if a bug stays unnoticed.

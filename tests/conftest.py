@@ -35,13 +35,13 @@ MACHINES = {"M1": "hidden-backlash", "M2": "two-candidates"}
 
 #: Files that take longest for their number of tests: begun first, so that all workers end together.
 LONG = (
-    "test_sphere", "test_portability",
-    "test_joint_selection", "test_estimation", "test_examples", "test_workbench_browser", "test_start_browser",
-    "test_worn_worm", "test_single_revolutions", "test_one_curve",
-    "test_bank", "test_own_effects", "test_mistakes", "test_joint",
-    "test_workbench", "test_batch", "test_pitch", "test_report_browser", "test_paper", "test_docs", "test_figures",
-    "test_oracle_drives", "test_chain_campaigns", "test_planning", "test_vibration", "test_upkeep", "test_model",
-    "test_cli", "test_log_plan", "test_extras", "test_convergence", "test_drive", "test_writing",
+    "test_workbench_browser", "test_start_browser", "test_examples", "test_portability", "test_estimation",
+    "test_search", "test_single_revolutions", "test_worn_worm", "test_chain_campaigns", "test_figures", "test_bank",
+    "test_angular_diagnosis", "test_docs", "test_pitch", "test_joint", "test_log_causes", "test_log_plan", "test_batch",
+    "test_fleet", "test_planning", "test_report_browser", "test_extras", "test_cli", "test_sphere", "test_workbench",
+    "test_linuxcnc", "test_nc_files", "test_own_effects", "test_mistakes", "test_shell", "test_model", "test_chain",
+    "test_determinism", "test_writing", "test_report", "test_wild", "test_first_hour", "test_oracle_drives",
+    "test_vibration", "test_convergence", "test_drive", "test_paper", "test_upkeep",
 )  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """Campaigns of machines with other chains, made by the independent generator, through the whole program."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tomlkit
@@ -56,8 +58,9 @@ def test_programs_and_readings_agree(family, tmp_path):
 
 def test_a_hidden_play_of_a_head_is_named(tmp_path):
     """B head over C table, from the files to the diagnosis."""
-    hidden = ({"id": "backlash.B", "width_deg": 0.002},)
-    chain_campaigns.write(chain_campaigns.ChainCase("head", "head_table", 5, hidden, kinds=("cone_frustum",)), tmp_path)
+    case = chain_campaigns.ChainCase("head", "head_table", 5, ({"id": "backlash.B", "width_deg": 0.002},))
+    cones = tuple(t for t in case.usual() if t["kind"] == "cone_frustum" and t["setup"] == "x50")
+    chain_campaigns.write(replace(case, plan=cones), tmp_path)
     campaign = read_campaign(tmp_path)
     result = diagnose(campaign, read_machine(campaign.machine_file)).to_json()
     (found,) = result["effects"]

@@ -51,7 +51,7 @@ def diagnosed(tmp_path):
     return make
 
 
-@pytest.mark.parametrize(("letter", "late", "sample"), [("X", 0.040, 1e-3), ("Y", 0.012, 1e-3), ("Z", 0.025, 5e-4)])
+@pytest.mark.parametrize(("letter", "late", "sample"), [("X", 0.040, 1e-3), ("Z", 0.025, 5e-4)])
 def test_a_dead_time_is_no_feedforward(diagnosed, letter, late, sample):
     result = diagnosed(Control(sample=sample), late=late, letter=letter)
     assert result.verdict == "identified" and [e.effect.id for e in result.effects] == [f"servo_delay.{letter}"]
@@ -98,9 +98,7 @@ def test_a_channel_that_says_nothing_is_named_with_the_reason(diagnosed):
     assert "following error" in said[0]
 
 
-@pytest.mark.parametrize(
-    ("share", "gain", "letter", "sample"), [(0.3, 0.06, "X", 1e-3), (0.5, 0.1, "Y", 1e-3), (0.2, 0.08, "Z", 5e-4)]
-)
+@pytest.mark.parametrize(("share", "gain", "letter", "sample"), [(0.5, 0.1, "Y", 1e-3), (0.2, 0.08, "Z", 5e-4)])
 def test_a_friction_that_grows_with_the_torque(tmp_path, share, gain, letter, sample):
     """A screw of bad efficiency is no friction that rises with the speed."""
     axis, control = Axis(coulomb=0.05, loss=share), replace(LOOSE, velocity_gain=gain, sample=sample)
@@ -179,7 +177,6 @@ def limited(folder, stated, limits, with_torque=False, letter="X"):
     ("control", "limit", "with_torque", "letter"),
     [
         (Control(), 1.2, True, "X"),
-        (LOOSE, 1.6, False, "Z"),
         (Control(position_gain=60.0, sample=5e-4), 1.4, False, "Y"),
     ],
 )
@@ -209,7 +206,6 @@ def test_a_set_point_that_stands_says_the_limit_and_still_the_gain(tmp_path):
 @pytest.mark.parametrize(
     ("control", "limits", "letter"),
     [
-        (LOOSE, {"fastest": 90.0}, "X"),
         (Control(sample=5e-4), {"fastest": 70.0}, "Z"),
         (LOOSE, {"no_load": 150.0, "stall": 2.0}, "Y"),
         (Control(), {"no_load": 100.0, "stall": 20.0}, "X"),
@@ -244,7 +240,6 @@ def test_a_filter_of_the_command_has_its_closed_form(kind, time):
 @pytest.mark.parametrize(
     ("control", "kind", "time", "letter"),
     [
-        (LOOSE, "lag_ms", 4e-3, "X"),
         (LOOSE, "mean_ms", 24e-3, "Y"),
         (Control(sample=5e-4), "lag_ms", 12e-3, "Z"),
     ],

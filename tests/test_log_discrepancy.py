@@ -51,7 +51,7 @@ def jitter(lag, spread, seed):
 
 @pytest.mark.parametrize(
     ("letter", "control", "lag", "spread"),
-    [("X", MILLISECOND, 2e-3, 5e-4), ("Y", MILLISECOND, 0.0, 1e-3), ("Z", QUICK, 1e-3, 2e-4)],
+    [("Y", MILLISECOND, 0.0, 1e-3), ("Z", QUICK, 1e-3, 2e-4)],
 )
 def test_a_recorder_with_a_shaking_clock_is_unknown(folder, letter, control, lag, spread):
     result = diagnosed(folder(FRICTION, control, jitter(lag, spread, 3), letter=letter))

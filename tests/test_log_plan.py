@@ -68,8 +68,10 @@ def test_only_a_torque_makes_inertia_and_gain_known(tmp_path):
     assert all(r.left > 0.5 for r in rows if not r.motion.torque and r.motion.gain == 1.0)
 
 
-def test_a_log_of_an_axis_that_has_none_is_planned(m2):
+def test_a_log_of_an_axis_that_has_none_is_planned(m2, monkeypatch):
     """Position gain against command delay: any motion that accelerates decides; slow constant speeds do not."""
+    told = [m for m in proposals(m2.chain, "C") if m.kind in ("strokes", "slow reversals")]
+    monkeypatch.setattr(LogPlanner, "motions", lambda self: told)
     fits = [unmeasured(m2, "C", m) for m in candidates(m2)]
     rows = {r.motion.kind: r for r in reversed(LogPlanner(m2, "C", fits).apart())}
     assert rows["strokes"].decides and rows["strokes"].deviance > 5.0 * rows["slow reversals"].deviance

@@ -19,7 +19,7 @@ from mjsim.machine.modelling import machine_xml
 from mjsim.simulation.mjmodel import build_model
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "scripts"))
+sys.path.insert(0, str(ROOT / "scripts" / "figures"))
 
 import build_solids  # noqa: E402
 from build_solids import cylinder, differences, loft, write_folder  # noqa: E402
@@ -288,7 +288,10 @@ def test_assets_are_closed_and_reproducible(tmp_path):
         assert mesh.is_winding_consistent, path.name
         assert mesh.volume > 0, path.name
     done = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "build_solids.py", "--check"], cwd=ROOT, capture_output=True, text=True
+        [sys.executable, ROOT / "scripts" / "figures" / "build_solids.py", "--check"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stdout + done.stderr
 
@@ -401,7 +404,7 @@ def test_nothing_collides_in_the_papers_tests(solids, theta, beta, method):
 
 
 def test_where_solids_overlap_their_shapes_touch(solids):
-    """No part can pass through another unnoticed: 300 poses all over the travel, half of them with the spindle near
+    """No part can pass through another unnoticed: 150 poses all over the travel, half of them with the spindle near
     the table.
     """
     model, pieces = solids
@@ -411,7 +414,7 @@ def test_where_solids_overlap_their_shapes_touch(solids):
     low = np.array([-0.6, -0.6, -0.3, -np.radians(100), -np.pi])
     high = np.array([0.6, 0.6, 0.7, np.radians(100), np.pi])
     overlaps = 0
-    for k in range(300):
+    for k in range(150):
         pose = rng.uniform(low, high)
         if k % 2:
             pose[:3] = rng.uniform((-0.6, -0.5, -0.3), (0.6, 0.5, 0.1))
@@ -420,7 +423,7 @@ def test_where_solids_overlap_their_shapes_touch(solids):
         if deepest[0] < -0.001:
             overlaps += 1
             assert data.ncon > 0, (deepest, pose)
-    assert overlaps > 50  # it is no empty test
+    assert overlaps > 25  # it is no empty test
 
 
 @pytest.mark.parametrize(
@@ -478,7 +481,7 @@ def test_random_jogging(scene, engine_warnings):
     rng = np.random.default_rng(11)
     low, high = scene.actuator_ctrlrange.T
     deepest = 0.0
-    for _ in range(12):
+    for _ in range(6):
         data.ctrl[:] = rng.uniform(low, high)
         for _ in range(700):
             mujoco.mj_step(scene, data)

@@ -134,7 +134,7 @@ def test_the_planned_test_decides(fast_plans, tmp_path, monkeypatch):
     import sys
     from pathlib import Path
 
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts"))
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts" / "proofs"))
     from plan_proof import prove
 
     first, second = prove("backlash.C", tmp_path, lambda text: None)

@@ -31,7 +31,7 @@ def intervals(result):
 
 def half_width(result, name, true):
     """95 % half width of a number that lies within three standard deviations of the true one; how often it lies within
-    the interval, ``scripts/routes_proof.py`` tells.
+    the interval, ``scripts/proofs/routes_proof.py`` tells.
     """
     low, high = intervals(result)[name]
     assert abs(0.5 * (low + high) - true) < 1.53 * 0.5 * (high - low)

@@ -314,13 +314,9 @@ def test_a_worm_wheel_that_is_worn_on_one_flank_is_the_finding(tmp_path):
         assert low < hidden[name] < high
 
 
-@pytest.mark.parametrize(
-    "hidden",
-    [{"id": "servo_gain.A", "ratio": 0.95}, {"id": "velocity_feedforward.A", "ratio": 0.4}],
-    ids=lambda h: h["id"],
-)
-def test_a_large_servo_fault_is_the_finding(hidden, tmp_path):
+def test_a_large_servo_fault_is_the_finding(tmp_path):
     """The lag moves every mark, and triggers follow it into false minima; nothing linear shows the cause from there."""
+    hidden = {"id": "velocity_feedforward.A", "ratio": 0.4}
     found, intervals = finding_of(hidden, layout("cradle"), tmp_path)
     assert found.effect.id == hidden["id"]
     low, high = intervals["ratio"]

@@ -7,8 +7,9 @@ Pitch errors and mistakes in a campaign have settings of their own (:mod:`mjsim.
 :mod:`mjsim.inference.mistakes.mistakes`).
 
 Four sources of values: *nulls*, measured once on simulated machines without a missing effect; *bank*, chosen on the
-tuning half of the campaigns of ``scripts/benchmark_diagnosis.py`` and checked on the other half; *mistakes*, the same
-with ``scripts/benchmark_mistakes.py``; *assumed*, from the physics of machine and instrument.
+tuning half of the campaigns of ``scripts/benchmarks/benchmark_diagnosis.py`` and checked on the other half;
+*mistakes*, the same with ``scripts/benchmarks/benchmark_mistakes.py``; *assumed*, from the physics of machine and
+instrument.
 """
 
 from __future__ import annotations

@@ -162,16 +162,12 @@ class Machine:
 
     def with_effect(self, effect: Effect) -> Machine:
         """A machine with ``effect`` appended, or in place of the one with the same key."""
-        if any(e.key == effect.key for e in self.effects):
-            return replace(self, effects=tuple(effect if e.key == effect.key else e for e in self.effects))
-        return replace(self, effects=(*self.effects, effect))
+        return self.with_effects((effect,))
 
     def with_effects(self, effects: Iterable[Effect]) -> Machine:
         """:meth:`with_effect` of one after another."""
-        machine = self
-        for effect in effects:
-            machine = machine.with_effect(effect)
-        return machine
+        by_key = {e.key: e for e in self.effects} | {e.key: e for e in effects}
+        return replace(self, effects=tuple(by_key.values()))
 
     def without(self, key: str) -> Machine:
         """A machine without the effects that have this key or id."""
@@ -209,12 +205,13 @@ def build(machine: Machine) -> Plant:
     Raises:
         InputError: an effect acts on what this machine does not have.
     """
+    chain = machine.chain
     named = [f.name for f in fields(Drive) if f.name not in ("axis", "torque_constant")]
-    drives = {a: machine.drives[a] for a in machine.chain.letters}
+    drives = {a: machine.drives[a] for a in chain.letters}
     axes = {a: AxisPlant(**{n: getattr(d, n) for n in named}) for a, d in drives.items()}
-    plant = Plant(axes, chain=machine.chain, temperatures=machine.temperatures)
+    plant = Plant(axes, chain=chain, temperatures=machine.temperatures)
     for effect in machine.effects:
-        if effect.subject not in (allowed := effect.subjects_of(machine.chain)):
+        if effect.subject not in (allowed := effect.subjects_of(chain)):
             raise InputError(f"effect {effect.id}: the machine has no {effect.subject}; allowed: {', '.join(allowed)}")
         if effect.is_neutral:
             continue

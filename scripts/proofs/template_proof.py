@@ -1,0 +1,146 @@
+#!/usr/bin/env python3
+"""What a template costs: causes named with a template's numbers, beside those named with the true data sheet.
+
+    .venv/bin/python scripts/proofs/template_proof.py OUT.jsonl [--count 60]
+
+The independent generator draws machines: each number of a drive lies within a factor of two of a template's, each on
+its own, but for the gain of the velocity loop, which is tuned to the inertia within a factor of 1.5. Lead, teeth and
+position gain are known: they are on the drawing and in the control. Two of three machines hide one cause. The same
+traces are diagnosed twice, with the data sheet (off by its tolerances, as ever) and with the template alone. It goes on
+where it stopped: what OUT has is not made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.extend(str(Path(__file__).resolve().parents[2] / name) for name in ("tests", "scripts/benchmarks"))
+
+import numpy as np
+from diagnosis_score import score
+from independent import machines, templates
+from independent.bank import _place
+from independent.campaign import Case, write
+from independent.layouts import layout
+
+from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.machine_templates import FACTOR, SIZES, TEMPLATES
+from mjsim.campaign.new import machine_text
+from mjsim.commands.diagnose import diagnose
+from mjsim.io.files import finite
+from mjsim.machine.chain import chain_of
+
+#: Velocity loops are tuned to the inertia within this factor.
+_TUNED = 1.5
+#: Sizes of what hides, µm RMS over the campaign.
+_SIZES = (0.5, 1.2, 0.8)
+#: A name with such a probability is confident.
+_CONFIDENT = 0.95
+
+
+def draw_rows(size, rng: np.random.Generator) -> tuple[tuple[float, ...], ...]:
+    """The data sheet of a machine of some size, in the order of the generator's: lead or teeth, Kpp, Kvp, Ti, J,
+    viscous, gravity, Coulomb, presliding.
+    """
+    rows = []
+    for axis in machines.AXES:
+        d = size.rotary if axis in "ABC" else size.linear
+        ti, inertia, viscous, coulomb, presliding = FACTOR ** rng.uniform(-1.0, 1.0, 5)
+        tuned = np.clip(inertia * _TUNED ** rng.uniform(-1.0, 1.0), 1.0 / FACTOR, FACTOR)
+        numbers = (d.velocity_gain * tuned, d.integral_time * ti, d.inertia * inertia, d.viscous * viscous)
+        lifted = d.lifted if axis == "Z" else 0.0
+        more = (lifted, d.coulomb * coulomb, d.presliding * presliding)
+        gear = int(d.gear) if axis in "ABC" else d.gear
+        rows.append((gear, d.position_gain, *(float(f"{v:.3g}") for v in (*numbers, *more))))
+    return tuple(rows)
+
+
+def draw_case(number: int) -> tuple[Case, str]:
+    """A machine and its campaign, with the name of the template that its user takes."""
+    rng = np.random.default_rng([91, number])
+    size = SIZES[number % len(SIZES)]
+    name = f"T{number}"
+    machines._ROWS[name] = draw_rows(size, rng)
+    kind, subject = templates.SINGLES[int(rng.integers(len(templates.SINGLES)))]
+    place, _ = _place(kind, subject, number)
+    hidden, target = (), ()
+    if (number // len(SIZES)) % 3:
+        hidden = (templates.single(kind, subject, name, rng),)
+        target = (min(_SIZES[int(rng.integers(len(_SIZES)))], templates.largest(kind, subject)),)
+    label = f"{number:03d}-{f'{kind}.{subject}' if hidden else 'sound'}"
+    case = Case(label, name, tuple(layout(place)), hidden, target, seed=90_000 + number)
+    return case, f"trunnion-a-{size.name}"
+
+
+def answer_of(folder: Path, machine_file: Path, row: dict) -> dict:
+    """The answer with one machine file, and its score."""
+    began = time.process_time()
+    campaign = read_campaign(folder)
+    try:
+        result = diagnose(campaign, read_machine(machine_file), threads=1)
+        said = row | {"result": finite(result.to_json())}
+    except Exception as error:  # a crash is a failure to report, not the end of the run
+        said = row | {"error": repr(error)}
+    return said | {"seconds": round(time.process_time() - began, 1)}
+
+
+def run_case(number: int) -> dict:
+    """Both answers of one campaign."""
+    case, template_name = draw_case(number)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        row = {"name": case.name, "noise_um": case.noise_um, "answer": write(case, folder)}
+        template = TEMPLATES[template_name]
+        other = folder / "template.toml"
+        chain = chain_of(template.chain.configuration)  # which counts as the generator's machines do
+        other.write_text(machine_text(chain, template.name, template), encoding="utf-8")
+        return {"sheet": answer_of(folder, folder / "machine.toml", row), "template": answer_of(folder, other, row)}
+
+
+def figures(rows: list[dict]) -> None:
+    """Prints how often each of the two was right."""
+    print(f"\n{len(rows)} campaigns")
+    print("| machine file | clear causes named | first | sound machines right | wrong, p ≥ 0.95 | crash | median s |")
+    print("|---|---|---|---|---|---|---|")
+    for arm in ("sheet", "template"):
+        scored = [score(r[arm]) for r in rows]
+        clear = [c for s in scored for c in s.clear]
+        first = [bool(s.first) for s in scored if s.first is not None]
+        sound = [s.mark == "right" for s in scored if not s.row["answer"].get("effect")]
+        wrong = [p >= _CONFIDENT and not true for s in scored for p, true in s.findings]
+        cells = [f"{sum(x)} of {len(x)}" for x in (clear, first, sound)]
+        bad = sum(any(p >= _CONFIDENT and not true for p, true in s.findings) for s in scored)
+        cells += [f"{sum(wrong)} names in {bad} of {len(scored)}", str(sum(s.mark == "crash" for s in scored))]
+        cells.append(f"{np.median([r[arm]['seconds'] for r in rows]):.0f}")
+        print(f"| {arm} | {' | '.join(cells)} |")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path, help="file of JSON lines")
+    parser.add_argument("--count", type=int, default=60)
+    options = parser.parse_args()
+    rows = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    done = {r["sheet"]["name"].split("-")[0] for r in rows}
+    for number in range(options.count):
+        if f"{number:03d}" in done:
+            continue
+        row = run_case(number)
+        rows.append(row)
+        with options.out.open("a") as file:
+            file.write(json.dumps(row) + "\n")
+        marks = ", ".join(f"{arm} {score(row[arm]).mark} in {row[arm]['seconds']:.0f} s" for arm in row)
+        print(f"{row['sheet']['name']:36} {marks}", flush=True)
+    figures(rows)
+
+
+if __name__ == "__main__":
+    main()
