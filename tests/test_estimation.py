@@ -238,6 +238,27 @@ def test_a_small_feedforward_stands_for_an_early_command_and_not_for_a_late_one(
     assert told in said and wrong not in said
 
 
+@pytest.mark.parametrize(
+    ("hidden", "tests"),
+    [
+        (
+            registry.make("servo_delay.Z", delay_ms=45.0),
+            ("cone45-centre-ccw", "rotary-a-tangential-ccw", "rotary-a-tangential-cw"),
+        ),
+        (registry.make("servo_delay.Y", delay_ms=30.0), ("cone45-centre-ccw", "circle-xy-ccw")),
+    ],
+)
+def test_an_axis_that_is_very_late_is_found_whatever_the_position_gains_say(hidden, tests):
+    """Such a lag drives the gains of other axes to their bounds, where no normal matrix may fail."""
+    problem, machine = healthy(*tests)
+    hide(problem, machine, hidden)
+    selection = explain(separate(problem, machine), most=1).selection
+    (found,) = selection.found
+    assert found.key == hidden.key and found.probability > 0.99
+    effect = next(f.effect for f in selection.fit.effects if f.effect.key == hidden.key)
+    assert effect.values["delay_ms"] == pytest.approx(hidden.values["delay_ms"], abs=0.5)
+
+
 def test_a_stiffness_is_fitted_as_its_compliance():
     """Off is infinite for the file and zero for the fit; intervals come back in the file's unit, low to high."""
     soft = registry.make("drive_compliance.X", stiffness_N_per_um=50.0, damping_ratio=0.1)
