@@ -128,9 +128,9 @@ def show(data: dict) -> None:
         ]
         click.echo()
         common.table(["path, lines", "largest µm", "95 %", ""], rows, text=(0, 3))
-    rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+.2f}"] for c in data["by_axis"]]
+    rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+z.2f}"] for c in data["by_axis"]]
     click.echo()
     common.table(["axis", "RMS µm", "at the worst place µm"], rows)
-    rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+.2f}"] for c in data["causes"][:12]]
+    rows = [[c["id"], f"{c['rms_um']:.2f}", f"{c['at_worst_um']:+z.2f}"] for c in data["causes"][:12]]
     click.echo()
     common.table(["cause", "RMS µm", "at the worst place µm"], rows)

@@ -84,7 +84,7 @@ class JobPanel:
             ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
         near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
         if near:
-            others = ", ".join(f"{name} ({worse} by {less:.3g})" for name, less in near)
+            others = ", ".join(f"{name} ({worse} by {float(f'{less:.3g}'):g})" for name, less in near)
             ui.label(f"was tried in its place: {others}").classes("soft")
 
     def card(

@@ -181,7 +181,7 @@ class PartDialog:
                         ui.label(words)
             for c in rows:
                 with ui.element("tr"):
-                    for words in (c.key, f"{c.rms / UM:.2f}", f"{c.at_worst / UM:+.2f}"):
+                    for words in (c.key, f"{c.rms / UM:.2f}", f"{c.at_worst / UM:+z.2f}"):
                         with ui.element("td"):
                             ui.label(words)
 
