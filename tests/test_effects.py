@@ -40,7 +40,8 @@ def typical(effect_id, off=False, direction=None):
         elif p.kind == "components":
             values[p.name] = [] if off else [[7.0, p.scale, 30.0], [20.5, -0.5 * p.scale, -170.0]]
         elif p.neutral is not None:
-            values[p.name] = p.neutral if off else p.decode(p.encode(p.neutral) + 1.0)
+            on = p.decode(p.encode(p.neutral) + 1.0)
+            values[p.name] = p.neutral if off else float(f"{on:.12g}")  # as files have it
         elif p.default is None:
             values[p.name] = min(p.upper, max(p.lower, 3.0 * p.scale))
     return values
