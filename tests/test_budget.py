@@ -10,9 +10,9 @@ from commands import cut
 
 import mjsim
 from mjsim.cli.compare import show_conformity
-from mjsim.effects.registry import kinds
+from mjsim.effects.registry import kinds, make
 from mjsim.inference.at_rest import RestFitter, RestProblem, split_at_rest
-from mjsim.inference.budget import Budget, budgets, split_of_bars, split_rows
+from mjsim.inference.budget import Budget, _numbers, budgets, split_of_bars, split_rows
 from mjsim.inference.considered import harmonics, moves_of_models, with_instrument
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fitter
@@ -175,3 +175,13 @@ def test_numbers_are_told_against_their_limits(capsys):
     assert "1 beyond: backlash.Y width_um (99 %); 1 open: backlash.Z width_um (40 %)" in said
     show_conformity(rows[3:])
     assert capsys.readouterr().out == ""
+
+
+def test_an_infinite_stiffness_has_no_row():
+    """Off is infinite for the file and zero for the fit: there is no uncertainty in N/µm. A finite one has one."""
+    names = ("stiffness_N_per_um", "damping_ratio")
+    rows = {
+        size: [row[0] for row in _numbers(EffectVector(make("drive_compliance.X", stiffness_N_per_um=size), names))]
+        for size in (np.inf, 100.0)
+    }
+    assert rows == {np.inf: ["damping_ratio"], 100.0: list(names)}

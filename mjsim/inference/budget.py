@@ -228,7 +228,8 @@ def _numbers(f: EffectVector) -> Iterator[tuple[str, str, float, np.ndarray]]:
         elif not (f.polar and n == "phase_deg"):
             step = 1e-4
             slope[i] = (p.decode(vector[i] + step) - p.decode(vector[i] - step)) / (2.0 * step)
-            yield n, unit_of(n)[1], f.effect.values[n], slope
+            if math.isfinite(slope[i]):  # an infinite stiffness has no uncertainty in its unit
+                yield n, unit_of(n)[1], f.effect.values[n], slope
             i += 1
 
 

@@ -80,7 +80,7 @@ def run_case(case, answer: Callable, timeout: float) -> dict:
     try:
         answer(case, row)
     except Exception:  # a crash is a failure to report, not the end of the bank
-        row["error"] = traceback.format_exc(limit=-3)
+        row["error"] = traceback.format_exc(limit=-3).replace(f"{ROOT}/", "")
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
     return row
