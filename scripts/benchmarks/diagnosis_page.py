@@ -30,10 +30,10 @@ from diagnosis_score import Score, names_of, sizes_over_noise
 WORLDS = ("ideal", "real", "wild")
 NAME = "diagnosis-benchmark"
 INTRODUCTION = """\
-This page has the figures of `scripts/benchmarks/benchmark_diagnosis.py` on the published half of its bank. The
-bank has campaigns of the generator in `tests/independent`. The generator shares no code with mjsim:
-it has its own kinematics, drives, instrument and noise. The other half of the bank was used for
-tuning and does not count here. The halves share no seed.
+This page has the figures of `scripts/benchmarks/benchmark_diagnosis.py` on the published half of
+its bank. The bank has campaigns of the generator in `tests/independent`. The generator shares no
+code with mjsim: it has its own kinematics, drives, instrument and noise. The other half of the bank
+was used for tuning and does not count here. The halves share no seed.
 
 The bank has three worlds:
 
@@ -205,8 +205,8 @@ def _limits(scores: list[Score]) -> list[str]:
         return []
     return [
         "",
-        "Where a tolerance is stated, every number has a probability that it is beyond its limit. That is right or",
-        "wrong for each of them:",
+        "Where a tolerance is stated, every number has a probability that it is beyond its limit. That is",
+        "right or wrong for each of them:",
         "",
         *table(["probability", "numbers", "mean", "beyond", "error"], _reliability_rows(numbers)),
         "",
