@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mjsim.campaign.model import Campaign
 from mjsim.commands.axis_log.compare import checked_logs
@@ -19,9 +19,8 @@ from mjsim.inference.budget import Budget, budgets, split_of_bars
 from mjsim.inference.calibration import calibrated_effects
 from mjsim.inference.combinations import Combination, combinations
 from mjsim.inference.considered import with_instrument
-from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.fit import Fit, Fitter, retimed
 from mjsim.inference.mistakes.checked_problem import checked_problem
-from mjsim.inference.nuisance_fit import better_triggers
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.vibration import separate
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
@@ -130,7 +129,5 @@ def fit_within_tolerance(fitter: Fitter, without: str = "") -> Fit:
     start = fitter.fit([], exact=False)
     expected = [c.free for c in calibrated_effects(fitter.machine) if c.free.effect.id != without]
     fit = fitter.fit(expected, start=start, exact=False, iterations=_STEPS) if expected else start
-    nuisance = better_triggers(fitter.problem, fit.readings, fit.nuisance)
-    if nuisance is None:
-        return fit
-    return fitter.fit(fit.effects, replace(fit, nuisance=nuisance), _STEPS, exact=False, fresh=False)
+    better = retimed(fitter.problem, fit)
+    return fit if better is None else fitter.fit(fit.effects, better, _STEPS, exact=False, fresh=False)

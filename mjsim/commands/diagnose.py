@@ -110,9 +110,8 @@ def _diagnose(
     def compared(m: Machine, described: str) -> BarComparison:
         progress(f"simulating {described}", 0, 1)
         phased, begin = phased_at(problem, m)
-        plant = build(phased)
-        moved = problem.map(lambda k: Reading(problem.tests[k], problem.motions[k].reading(plant)))
-        return overlay(problem, phased, moved, begin)
+        readings = map(Reading, problem.tests, problem.readings(build(phased), every=1))
+        return overlay(problem, phased, list(readings), begin)
 
     effects, rungs = ladder_of(found, explained.calibration, machine, (before, after), compared)
     following = plan_for(problem, selection, threads, progress, hidden=False)

@@ -29,11 +29,10 @@ from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.discrepancy import Discrepancy, Products, Sizes
 from mjsim.inference.disturbances import readmitted, without_disturbances
 from mjsim.inference.effect_vector import EffectVector
-from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.fit import Fit, Fitter, retimed
 from mjsim.inference.hypotheses import CAUSE, WIDTHS, Hypotheses
 from mjsim.inference.linear_evidence import Chosen, without
 from mjsim.inference.nuisance import TRIGGER, TRIGGERS
-from mjsim.inference.nuisance_fit import better_triggers
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import (
     FIRST,
@@ -287,10 +286,8 @@ class BarSearch(Search[Problem]):
     def _anew(self, effects: Sequence[EffectVector]) -> Fit:
         """Effects fitted from the machine as given, with triggers that stand in no false minimum."""
         fit = self.fitter.fit(list(effects), exact=False, iterations=FIRST)
-        nuisance = better_triggers(self.plain, fit.readings, fit.nuisance)
-        if nuisance is None:
-            return fit
-        return self.fitter.fit(fit.effects, start=replace(fit, nuisance=nuisance), exact=False, iterations=FIRST)
+        better = retimed(self.plain, fit)
+        return fit if better is None else self.fitter.fit(fit.effects, start=better, exact=False, iterations=FIRST)
 
     def _cleaned(self, model: Model[Problem]) -> Model[Problem]:
         return self._on_samples(model, without_disturbances)
@@ -320,13 +317,11 @@ class BarSearch(Search[Problem]):
 
     def _retimed(self, model: Model[Problem]) -> Model[Problem]:
         """The model at better triggers, where it fits better there."""
-        nuisance = better_triggers(model.problem, model.fit.readings, model.fit.nuisance)
-        if nuisance is None:
+        better = retimed(model.problem, model.fit)
+        if better is None:
             return model
         fitter = self.fitter.with_problem(model.problem)
-        fit = fitter.fit(
-            model.fit.effects, start=replace(model.fit, nuisance=nuisance), exact=True, iterations=STEPS, fresh=False
-        )
+        fit = fitter.fit(better.effects, start=better, exact=True, iterations=STEPS, fresh=False)
         return self._settled(replace(model, fit=fit), 0) if fit.objective < model.fit.objective - 1.0 else model
 
     # -- hypotheses ----------------------------------------------------------------------------------------------------

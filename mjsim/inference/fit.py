@@ -15,7 +15,7 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.least_squares import LeastSquares
 from mjsim.inference.linearisation import Linearisation
 from mjsim.inference.nuisance import Nuisances
-from mjsim.inference.nuisance_fit import fit_nuisance
+from mjsim.inference.nuisance_fit import better_triggers, fit_nuisance
 from mjsim.inference.parameters import Parameters
 from mjsim.inference.problem import Problem
 from mjsim.inference.whitening import Whitening
@@ -124,6 +124,12 @@ class Fit:
         return replace(
             self, effects=effects, nuisance=p.part(vector, self.nuisances), sheet_deviation=values[DATA_SHEET]
         )
+
+
+def retimed(problem: Problem, fit: Fit) -> Fit | None:
+    """A fit with better triggers, to start from again; ``None`` where each stands in its best place."""
+    nuisance = better_triggers(problem, fit.readings, fit.nuisance)
+    return None if nuisance is None else replace(fit, nuisance=nuisance)
 
 
 class Fitter:

@@ -212,7 +212,8 @@ class Hypotheses:
         self.released = replace(fit, effects=tuple(released))
         have = {f.effect.key: f for f in fit.effects}
         # other seeds of a cause of the model may explain the data as well
-        nearest = {f.effect.key: nearest_seed(f, bank.candidates) for f in fit.effects}
+        own = [f for f in fit.effects if f.effect.key not in expected]
+        nearest = {f.effect.key: nearest_seed(f, bank.candidates) for f in own}
         for c, at in zip(bank.candidates, bank.slices, strict=True):
             mine = have.get(c.effect.key)
             is_new = mine is None or c.at_another_order(mine.effect)

@@ -241,9 +241,9 @@ class Problem:
         """Per test, the blocks that have a whitened residual."""
         return [np.flatnonzero(self.noise_of(k).rows(s)) for k, s in enumerate(self.samples)]
 
-    def readings(self, plant: Plant) -> list[np.ndarray]:
-        """Simulated readings of all tests on the GRID, m."""
-        return self.map(lambda k: self.motions[k].reading(plant, GRID_STEPS))
+    def readings(self, plant: Plant, every: int = GRID_STEPS) -> list[np.ndarray]:
+        """Simulated readings of all tests at every ``every``-th instant, m; on the GRID unless it is said."""
+        return self.map(lambda k: self.motions[k].reading(plant, every))
 
     def shift(self, k: int, nuisance: np.ndarray) -> float:
         """Trigger shift of test ``k``, s."""

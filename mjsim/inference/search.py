@@ -19,6 +19,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from mjsim.inference.calibration import Calibrated
+from mjsim.inference.considered import move_to
 from mjsim.inference.discrepancy import USUAL, Discrepancy, LinearModel, Products, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
@@ -220,8 +221,7 @@ def is_near(fit: Fit, other: Fit, key: str) -> bool:
         key: Of the effect.
     """
     f = next(f for f in fit.effects if f.effect.key == key)
-    theirs = next(f for f in other.effects if f.effect.key == key)
-    off = f.with_effect(theirs.effect).vector - f.vector
+    off = move_to(fit, other)[fit.parameters[f.block.name]]
     return float(off @ np.linalg.solve(fit.covariance_of(f), off)) < len(off)
 
 
