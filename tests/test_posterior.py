@@ -21,7 +21,7 @@ def tests():
     """Two tests as a discrepancy sees them: block centres, white noise of 0.1 µm."""
     test = BallBarTest("a", "circular", (0.0, 0.0, 0.155), 0.1, 12.0 / 60.0, revolutions=2)
     time = np.arange(0.0, 2.0 * revolution_time(test), BLOCK)
-    sample = SimpleNamespace(test=test, centre=time)
+    sample = SimpleNamespace(test=test, centre=time, block=BLOCK)
     return SimpleNamespace(samples=(sample, sample), whiten_test=lambda k, x: x / NOISE)
 
 
@@ -92,6 +92,26 @@ def test_whitened_rows_have_independent_errors_of_variance_one(tests):
     assert np.square(beside.of_all(rows)).sum() == pytest.approx(square)
 
 
+def test_near_a_jump_of_a_curve_readings_have_an_error_of_half_the_jump(tests):
+    """Its instant is not known better. Where the curve changes slowly, and in tests without it, there is none."""
+    time = tests.samples[0].centre
+    curve = 0.5e-6 * np.sin(2.0 * np.pi * time / time[-1]) + 2e-6 * (time > time[150])
+    d = Discrepancy.of_tests(tests).beside_curves(tests, [[curve, np.zeros_like(time)]])
+    whitening = d.whitening(Sizes(0.0, 0.0, np.ones(2)))
+    white = whitening.of_test(0, np.eye(len(time)))
+    error = NOISE * np.sqrt(np.maximum(np.diag(np.linalg.inv(white.T @ white)) - 1.0, 0.0))
+    near = np.abs(time - time[150]) < 0.05
+    assert error[near] == pytest.approx(1e-6, rel=0.05)
+    assert error[np.abs(time - time[150]) > 0.11].max() < 0.01e-6
+    assert whitening.of_test(1, np.eye(len(time))) == pytest.approx(np.eye(len(time)))
+    # products along the wider basis are those that are computed at once
+    columns = np.random.default_rng(5).standard_normal((2 * len(time), 3))
+    for got, want in zip(
+        Products(Discrepancy.of_tests(tests), columns).along_more(d).along, Products(d, columns).along, strict=True
+    ):
+        assert got == pytest.approx(want)
+
+
 def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     rng = np.random.default_rng(3)
     columns, rows = rng.standard_normal((60, 3)), rng.standard_normal(60)
@@ -100,6 +120,7 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     d = SimpleNamespace(basis=[basis], rows=[slice(0, 60)], tests=[(basis, slice(0, 60))])
     own = triangle @ np.diag([0.2, 0.1, 0.1, 0.1, 0.1]) @ triangle.T
     d.covariance = lambda k, slow, fast, factor: own / factor**2
+    d.is_nothing = lambda sizes: False
     prior = np.array([1.0, 4.0, 0.25])
     linear = LinearModel(Products(d, columns), rows, prior, np.zeros(3))
     sizes = Sizes(1.0, 0.0, np.array([1.2]))

@@ -131,7 +131,7 @@ def test_hypotheses_stand_beside_the_residual_of_the_fit(real):
     model = search._tuned(Model({}, fit, problem, loud))
     sizes = [model.sizes]
     expected = search._beside(model, sizes, curves=False)
-    got = search._beside(replace(model, problem=search._problem(loud, ())), sizes, curves=False)
+    got = search._beside(replace(model, problem=search.problem_of(loud, ())), sizes, curves=False)
     assert got.levels[0][0] == expected.levels[0][0]
     np.testing.assert_array_equal(got.linear.score, expected.linear.score)
     assert expected.levels[0][0] == pytest.approx(model.evidence, abs=5.0)

@@ -50,7 +50,7 @@ from mjsim.inference.search import (
 )
 from mjsim.inference.signatures import Candidate, Offer, Row, SignatureBank, seeds, seeds_of
 from mjsim.inference.spectrum import spectral_candidates
-from mjsim.inference.unknown_curves import best_curves
+from mjsim.inference.unknown_curves import Curve, best_curves
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -218,6 +218,7 @@ class BarSearch(Search[Problem]):
 
     def _begin(self, fitter: DataFitter[Problem]) -> None:
         self._signatures: tuple[SignatureBank, Products] | None = None
+        self._beside_curves: tuple[tuple[Curve, ...], Discrepancy] | None = None
         super()._begin(fitter)
 
     def run(self, most: int | None = None) -> Found[Problem]:
@@ -276,6 +277,15 @@ class BarSearch(Search[Problem]):
 
     def _discrepancy(self) -> Discrepancy:
         return Discrepancy.of_tests(self.plain)
+
+    def _discrepancy_beside(self, curves: Sequence[Curve]) -> Discrepancy:
+        if not curves:
+            return self.discrepancy
+        known = self._beside_curves
+        if known is None or [*map(id, known[0])] != [*map(id, curves)]:
+            found = self.discrepancy.beside_curves(self.plain, [c.readings for c in curves])
+            self._beside_curves = known = tuple(curves), found
+        return known[1]
 
     # -- models --------------------------------------------------------------------------------------------------------
 
@@ -347,6 +357,8 @@ class BarSearch(Search[Problem]):
             found = [c for _, c in best_curves(base, beside, self.plain)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
+        if model.curves:
+            products = products.along_more(self._discrepancy_beside(model.curves))
         further = further_candidates(self.plain, model.fit, bank, self.only)
         design = self.discrepancy.plain(model.fit)
         return Hypotheses(model.fit, design, bank, products, model.expected, levels, competing, further)

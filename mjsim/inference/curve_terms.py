@@ -49,7 +49,7 @@ VALUE = {
     "velocity": lambda m, i: m.velocity[:, i],
     "acceleration": lambda m, i: m.acceleration[:, i],
     "torque": lambda m, i: m.torque[:, i],
-    "time_since_reversal": lambda m, i: np.log10(np.maximum(m.since_reversal[:, i], 0.02)),
+    "time_since_reversal": lambda m, i: np.log10(np.clip(m.since_reversal[:, i], 0.02, 100.0)),
 }
 #: Directions of the table ball in the work frame.
 TABLE = ("table x", "table y", "table z")
@@ -57,6 +57,8 @@ TABLE = ("table x", "table y", "table z")
 RADIAL = "table radial"
 #: What a coefficient of 1 is: 10 µrad or 1 µm.
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
+#: Variables that change little within a block. Of the others, a block mean says too little around a reversal.
+SLOW = ("position", "clock_time")
 #: Variables whose curves count with the direction of motion.
 SIGNED = ("direction", "time_since_reversal")
 #: Knots of the curve, rad.
@@ -109,7 +111,9 @@ class CurveTerm:
 
 
 class CurveTerms:
-    """Makes generic terms for one fitted model: the variables of every test at its blocks."""
+    """Makes generic terms for one fitted model: the variables of every test, as the motors move the axes. A cause knows
+    nothing of the command, which a drive follows late.
+    """
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.problem, self.fit, self.chain = problem, fit, problem.chain
@@ -117,29 +121,53 @@ class CurveTerms:
         self.sensitivities = problem.map(self._sensitivity)
 
     @cached_property
-    def motions(self) -> list[Motion]:
-        """Commanded motion of every test at its blocks' centres."""
-        return self.problem.map(self._motion)
+    def on_grid(self) -> list[Motion]:
+        """Motion of every test on the GRID."""
+        return self.problem.map(self._on_grid)
 
-    def _motion(self, k: int) -> Motion:
-        m, s = self.problem.motions[k], self.problem.samples[k]
+    def _on_grid(self, k: int) -> Motion:
+        m = self.problem.motions[k]
         tracker = MotionTracker(GRID, m.test.started, self.plant, m.test.table_ball)
-        fine = tracker.follow(m.time[::GRID_STEPS], np.ascontiguousarray(m.commands[::GRID_STEPS]))
-        at = s.centre - self.problem.shift(k, self.fit.nuisance)
-        place = np.clip(np.searchsorted(fine.time, at), 0, len(fine.time) - 1)
-        return replace(fine, **{n: x[place] for n, x in vars(fine).items() if n not in ("axes", "ball")})
+        motors = [m.motor(a, self.plant.axes[a], GRID_STEPS) for a in self.chain.letters]
+        out = tracker.follow(m.time[::GRID_STEPS], np.column_stack(motors))
+        # the tracker's rates are those of half a step before, its accelerations those of a whole step
+        return replace(
+            out,
+            velocity=0.5 * (out.velocity + _next(out.velocity)),
+            acceleration=_next(out.acceleration),
+            torque=0.5 * (out.torque + _next(out.torque)),
+        )
+
+    @cached_property
+    def motions(self) -> list[Motion]:
+        """The same as block means."""
+        made = self.on_grid
+        return self.problem.map(lambda k: self._motion(k, made[k]))
+
+    def _motion(self, k: int, fine: Motion) -> Motion:
+        s, shift = self.problem.samples[k], self._shift(k)
+        sampled = {n: x for n, x in vars(fine).items() if n not in ("axes", "ball", "time", "clock")}
+        means = {n: np.column_stack([s.sample(column, shift) for column in x.T]) for n, x in sampled.items()}
+        time = s.centre - shift
+        return replace(fine, time=time, clock=self.problem.tests[k].started + time, **means)
+
+    def _shift(self, k: int) -> float:
+        """What the clock of a test is off, s."""
+        return self.problem.shift(k, self.fit.nuisance)
 
     def _sensitivity(self, k: int) -> dict[str, np.ndarray]:
-        s, shift = self.problem.samples[k], self.problem.shift(k, self.fit.nuisance)
+        s, shift, fine = self.problem.samples[k], self._shift(k), self._sensitivity_on_grid(k)
+        return {name: s.sample(column, shift) for name, column in fine.items()}
+
+    def _sensitivity_on_grid(self, k: int) -> dict[str, np.ndarray]:
+        """Derivatives of the reading of a test, on the GRID, by what is displaced."""
         sens = self.problem.sensitivity[k]
         rows = np.column_stack([sens.axes, sens.table])
-        return {name: s.sample(rows[:, i], shift) for i, name in enumerate((*self.chain.letters, *TABLE))}
+        return {name: rows[:, i] for i, name in enumerate((*self.chain.letters, *TABLE))}
 
     def moving(self) -> list[str]:
         """Axes that move in some test."""
-        return [
-            a for i, a in enumerate(self.chain.letters) if any(np.ptp(m.position[:, i]) > 0.0 for m in self.motions)
-        ]
+        return [a for i, a in enumerate(self.chain.letters) if any(m.moves[i] for m in self.problem.motions)]
 
     def own(self) -> Iterator[CurveTerm]:
         """Terms of an axis in its own direction."""
@@ -169,8 +197,8 @@ class CurveTerms:
         """All terms of one axis' motion that displace ``moves``."""
         i = self.chain.index(axis)
         for variable in VALUE:
-            x = [VALUE[variable](m, i) for m in self.motions]
-            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+            x, blocks = self._values(axis, variable), [VALUE[variable](m, i) for m in self.motions]
+            lo, hi = min(v.min() for v in blocks), max(v.max() for v in blocks)
             if hi - lo < 1e-9:
                 continue
             count = KNOTS[variable] if moves == axis else min(KNOTS[variable], 18)
@@ -208,7 +236,7 @@ class CurveTerms:
 
         def load(k: int) -> np.ndarray:
             q = self.problem.motions[k].load(self.plant, GRID_STEPS)[:, i]
-            return self.problem.samples[k].sample(q, self.problem.shift(k, self.fit.nuisance))
+            return self.problem.samples[k].sample(q, self._shift(k))
 
         return self.problem.map(load)
 
@@ -218,8 +246,7 @@ class CurveTerms:
             return
         n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
         knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
-        i = self.chain.index(term.axis) if term.axis else 0
-        values = [VALUE[term.variable](m, i) if term.axis else m.clock for m in self.motions]
+        values = self._values(term.axis, term.variable) if term.axis else [m.clock for m in self.motions]
         yield from self._term(term.axis, term.moves, term.variable, knots, term.period, values)
 
     def _term(
@@ -227,11 +254,34 @@ class CurveTerms:
     ) -> Iterator[CurveTerm]:
         if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
             return
-        weights = [s[moves] * unit_of(moves) for s in self.sensitivities]
+        if variable in SLOW:
+            weights = [s[moves] * unit_of(moves) for s in self.sensitivities]
+            yield CurveTerm(axis, moves, variable, knots, period, HatColumns(values, weights, knots, period))
+            return
+        weights = [self._sensitivity_on_grid(k)[moves] * unit_of(moves) for k in range(len(self.on_grid))]
         if variable in SIGNED:
             i = self.chain.index(axis)
-            weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.motions, strict=True)]
-        yield CurveTerm(axis, moves, variable, knots, period, HatColumns(values, weights, knots, period))
+            weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
+        columns = HatColumns(values, weights, knots, period, self._averages)
+        yield CurveTerm(axis, moves, variable, knots, period, columns)
+
+    def _values(self, axis: str, variable: str) -> list[np.ndarray]:
+        """A variable of an axis along every test, as block means or on the GRID."""
+        i = self.chain.index(axis)
+        return [VALUE[variable](m, i) for m in (self.motions if variable in SLOW else self.on_grid)]
+
+    @cached_property
+    def _averages(self) -> list[csr_array]:
+        """What makes block means of values on the GRID, (m, n) per test."""
+        samples = self.problem.samples
+        return [
+            s.averages(len(m.time), self._shift(k)) for k, (s, m) in enumerate(zip(samples, self.on_grid, strict=True))
+        ]
+
+
+def _next(x: np.ndarray) -> np.ndarray:
+    """Each row's next one; the last row stays."""
+    return np.vstack([x[1:], x[-1:]])
 
 
 @dataclass(frozen=True)
@@ -242,12 +292,14 @@ class HatColumns(Sequence[np.ndarray]):
         values: of the variable, (m,) per test.
         weights: change of the reading by a coefficient of 1, (m,) per test, m.
         knots, period: as of the term.
+        averages: what makes block means of the rows, per test; ``None`` where they are block means.
     """
 
     values: Sequence[np.ndarray]
     weights: Sequence[np.ndarray]
     knots: np.ndarray
     period: float | None
+    averages: Sequence[csr_array] | None = None
 
     def __len__(self) -> int:
         return len(self.values)
@@ -257,7 +309,8 @@ class HatColumns(Sequence[np.ndarray]):
 
     def sparse(self, k: int) -> csr_array:
         """The columns of test ``k``: a block lies between two knots."""
-        return csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
+        rows = csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
+        return rows if self.averages is None else csr_array(self.averages[k] @ rows)
 
 
 def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> csr_array:

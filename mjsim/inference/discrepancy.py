@@ -13,6 +13,11 @@ where a model explains everything. The noise of each test is the campaign's time
 maximising the evidence with all parameters of the model marginalised (Kennedy and O'Hagan, "Bayesian calibration of
 computer models", J. R. Statist. Soc. B 63 (2001) 425-464, have the idea of such a term).
 
+A curve of an unknown cause is not known to the instant. Where it jumps (at a reversal, at a step of an encoder) the
+model has the jump in one block, and the machine a little before or after it. So where a model has such a curve, each
+block near a jump has an error of its own, of half the jump. Without it a search explains by names what these blocks
+miss.
+
 The rest of the package sees all this as whitening (:mod:`mjsim.inference.whitening`).
 """
 
@@ -26,6 +31,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.ndimage import maximum_filter1d
 from scipy.optimize import minimize
 
 from mjsim.inference.fit import Fit
@@ -39,6 +45,13 @@ HARMONICS = 48
 _SLOW, _FAST = (3.0, 2.0), (20.0, 1.5)
 #: Shares of the slow part's variance: drift over the test, growth of the eccentricity (two), bow (assumed).
 _DRIFT = np.array([0.15, 0.03, 0.03, 0.05])
+#: How far the instant of a jump may be off, s (assumed: the time in which a contact turns over at a slow reversal).
+_INSTANT = 0.06
+#: Share of its range that a curve changes from one block to the next where it jumps (assumed), and most blocks with
+#: errors of jumps in a test.
+_JUMP, _MOST_JUMPS = 0.05, 150
+#: Size over the noise below which a direction of a jump's errors is left out.
+_UNSEEN = 0.03
 #: Half-width of the half-Cauchy prior of both sizes, m: what an ordinary machine leaves (assumed).
 USUAL = 0.3e-6
 #: Degrees of freedom of the prior of a test's noise factor: it is known as well as 30 values would tell (assumed).
@@ -95,10 +108,17 @@ class Discrepancy:
             noise alone.
         slow: Per test the covariance along that basis of what changes slowly, over the square of its size, (m, m).
         fast: The same of what changes fast.
+        jumps: The same of the errors where curves jump, whose size is known; empty where there are none.
     """
 
-    def __init__(self, basis: Sequence[np.ndarray], slow: Sequence[np.ndarray], fast: Sequence[np.ndarray]) -> None:
-        self.basis, self._slow, self._fast = tuple(basis), tuple(slow), tuple(fast)
+    def __init__(
+        self,
+        basis: Sequence[np.ndarray],
+        slow: Sequence[np.ndarray],
+        fast: Sequence[np.ndarray],
+        jumps: Sequence[np.ndarray] = (),
+    ) -> None:
+        self.basis, self._slow, self._fast, self._jumps = tuple(basis), tuple(slow), tuple(fast), tuple(jumps)
         self.rows = [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, self.basis)]).tolist())]
 
     @classmethod
@@ -116,6 +136,39 @@ class Discrepancy:
             fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
         return cls(bases, slow, fast)
 
+    def beside_curves(self, problem: Problem, readings: Sequence[Sequence[np.ndarray]]) -> Discrepancy:
+        """The same where the model has curves of unknown causes.
+
+        Args:
+            problem: The measured tests, whitened by the campaign's noise alone.
+            readings: What each curve adds to each test, (m,) m.
+        """
+        bases, slow, fast, jumps = [], [], [], []
+        ranges = [max(map(np.max, c)) - min(map(np.min, c)) for c in readings]
+        for k, basis in enumerate(self.basis):
+            change = [0.5 * np.abs(c[k][2:] - c[k][:-2]) for c in readings]
+            jump = np.hypot.reduce([np.where(d > _JUMP * r, d, 0.0) for d, r in zip(change, ranges, strict=True)])
+            around = 2 * round(_INSTANT / problem.samples[k].block) + 1
+            jump = maximum_filter1d(np.pad(jump, 1), around)
+            at = np.argsort(-jump)[: min(np.count_nonzero(jump), _MOST_JUMPS)]
+            errors = np.zeros((len(jump), len(at)))
+            errors[at, np.arange(len(at))] = jump[at]
+            errors = problem.whiten_test(k, errors)
+            inside = basis.T @ errors
+            across, sizes, turn = np.linalg.svd(errors - basis @ inside, full_matrices=False)
+            kept = sizes > _UNSEEN
+            own = np.vstack([inside, sizes[kept, None] * turn[kept]])
+            more = ((0, int(kept.sum())),) * 2
+            bases.append(np.hstack([basis, across[:, kept]]))
+            slow.append(np.pad(self._slow[k], more))
+            fast.append(np.pad(self._fast[k], more))
+            jumps.append(own @ own.T)
+        return Discrepancy(bases, slow, fast, jumps)
+
+    def is_nothing(self, sizes: Sizes) -> bool:
+        """Whether there is none where it has these sizes."""
+        return sizes.rms == 0.0 and not self._jumps
+
     @property
     def tests(self) -> Iterator[tuple[np.ndarray, slice]]:
         """Basis and rows of every test."""
@@ -123,13 +176,14 @@ class Discrepancy:
 
     def covariance(self, k: int, slow: float, fast: float, factor: float) -> np.ndarray:
         """Covariance of the discrepancy along the basis of test ``k`` over that of its noise, (m, m)."""
-        return (slow / factor) ** 2 * self._slow[k] + (fast / factor) ** 2 * self._fast[k]
+        out = (slow / factor) ** 2 * self._slow[k] + (fast / factor) ** 2 * self._fast[k]
+        return out + self._jumps[k] / factor**2 if self._jumps else out
 
     def whitening(self, sizes: Sizes) -> Whitening:
         """The whitening with a discrepancy of these sizes."""
         counts = np.array([len(b) for b in self.basis])
         log_det = float(2.0 * (counts * np.log(sizes.factor)).sum())
-        if sizes.rms == 0.0:
+        if self.is_nothing(sizes):
             return Whitening(sizes.factor, (), (), log_det)
         parts = []
         for k, basis in enumerate(self.basis):
@@ -175,6 +229,15 @@ class Products:
     def width(self) -> int:
         """Number of columns."""
         return sum(b.shape[1] for b in self.blocks)
+
+    def along_more(self, discrepancy: Discrepancy) -> Products:
+        """The same for a discrepancy whose basis has further directions behind those of this one."""
+        out = copy(self)
+        out.discrepancy, out.along = discrepancy, []
+        for known, (basis, at) in zip(self.along, discrepancy.tests, strict=True):
+            more = basis[:, len(known) :].T
+            out.along.append(np.vstack([known, np.hstack([more @ b[at] for b in self.blocks])]))
+        return out
 
     def extended(self, columns: np.ndarray) -> Products:
         """The same with further columns (count, k) behind."""
@@ -226,7 +289,7 @@ class LinearModel:
         for k, factor in enumerate(sizes.factor):
             own, pull, left = self._gram[k], self._score[k], self._square[k]
             log_det += 2.0 * len(self.discrepancy.basis[k]) * math.log(factor)
-            if sizes.rms > 0.0:
+            if not self.discrepancy.is_nothing(sizes):
                 covariance = self.discrepancy.covariance(k, sizes.slow, sizes.fast, factor)
                 lower = np.linalg.cholesky(covariance + np.eye(len(covariance)))
                 log_det += 2.0 * float(np.log(np.diag(lower)).sum())

@@ -384,7 +384,7 @@ class Hypotheses:
                 effects[same] = effects[same].with_waves(new)
             else:  # an error motion of another order
                 effects[same] = new
-        curves = [h.curve.at(chosen[g]) for g, h in mine.items() if h.curve is not None]
+        curves = [h.curve.at(chosen[g], estimate[g]) for g, h in mine.items() if h.curve is not None]
         return effects, curves
 
     def _kept(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
+from scipy.sparse import csr_array
 
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
@@ -108,6 +109,13 @@ class Samples:
         out = np.empty(len(self.centre))
         _weighted(np.ascontiguousarray(grid), *known[1], out)
         return out
+
+    def averages(self, n: int, shift: float) -> csr_array:
+        """What :meth:`sample` makes of ``n`` points on the GRID, as a matrix (m, n)."""
+        first, weights = _block_weights((self.time - shift) / GRID, self.edges, n)
+        places = first[:, None] + np.arange(weights.shape[1])
+        starts = np.arange(0, weights.size + 1, weights.shape[1])
+        return csr_array((weights.ravel(), places.ravel(), starts), (len(first), n))
 
     def sample_all(self, grid: np.ndarray, shift: float, spacing: float = GRID) -> np.ndarray:
         """As :meth:`sample`, for every sample instead of block means; ``spacing`` is the grid's, s."""

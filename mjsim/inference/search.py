@@ -39,7 +39,7 @@ LEAST = 3.0
 SEEN = 0.5
 #: Most proposals that are fitted in a round, and single hypotheses among them at each level.
 FITTED, _SINGLES = 4, 3
-#: Share of the best promise from which the best single cause of the catalogue is fitted as well.
+#: Share of the best promise from which the best single cause, or curve, is fitted as well.
 _SHARE = 1.0 / 3.0
 #: Share of its promise that a proposal must keep for no other to be fitted.
 _KEPT = 0.5
@@ -174,21 +174,22 @@ class Found(Generic[D]):
 Promised = tuple[float, Chosen, int]
 
 
-def _best_single(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> Promised | None:
-    """The single cause of the catalogue that promises most beside what is in the model; ``None`` where none does.
+def _best_singles(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> list[Promised]:
+    """The single cause of the catalogue, and the single curve of an unknown cause, that promise most beside what is in
+    the model, the better one first; none where they promise nothing.
 
     Args:
         hypotheses: Beside the model.
         here: What is in it.
         judged: What each level says.
     """
-    best: Promised | None = None
+    best: dict[bool, Promised] = {}
     for level, (evidence, odds, width) in enumerate(judged):
-        for g in [g for g in np.argsort(-odds) if hypotheses.all[g].curve is None][:_SINGLES]:
-            promise = evidence - judged[0].evidence + float(odds[g])
-            if np.isfinite(promise) and promise > (LEAST if best is None else best[0]):
-                best = promise, {**here, int(g): float(width[g])}, level
-    return best
+        for g in np.argsort(-odds):
+            promise, is_curve = evidence - judged[0].evidence + float(odds[g]), hypotheses.all[g].curve is not None
+            if np.isfinite(promise) and promise > (best[is_curve][0] if is_curve in best else LEAST):
+                best[is_curve] = promise, {**here, int(g): float(width[g])}, level
+    return sorted(best.values(), key=lambda row: -row[0])
 
 
 def with_priors_of_size(effects: Sequence[EffectVector], expected: Collection[str]) -> tuple[EffectVector, ...]:
@@ -370,6 +371,11 @@ class Search(Ascent[Model[D]]):
     def _discrepancy(self) -> Discrepancy:
         """What the data may show that is in no model."""
 
+    def _discrepancy_beside(self, curves: Sequence[Curve]) -> Discrepancy:
+        """The same beside curves of unknown causes."""
+        assert not curves
+        return self.discrepancy
+
     @abstractmethod
     def _first(self, effects: list[EffectVector]) -> Fit:
         """Effects fitted from the machine as given."""
@@ -389,9 +395,9 @@ class Search(Ascent[Model[D]]):
 
     # -- models --------------------------------------------------------------------------------------------------------
 
-    def _problem(self, sizes: Sizes, curves: Sequence[Curve]) -> D:
+    def problem_of(self, sizes: Sizes, curves: Sequence[Curve]) -> D:
         """The data with the whitening of a model."""
-        return with_curves(self.plain.whitened_by(self.discrepancy.whitening(sizes)), curves)
+        return with_curves(self.plain.whitened_by(self._discrepancy_beside(curves).whitening(sizes)), curves)
 
     def _tuned(self, model: Model[D]) -> Model[D]:
         """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
@@ -401,9 +407,9 @@ class Search(Ascent[Model[D]]):
         more = columns.shape[1] - parameters.size
         precision = np.concatenate([parameters.precision(), np.ones(more)])
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
-        linear = LinearModel(Products(self.discrepancy, columns), residual, precision, departure)
+        linear = LinearModel(Products(self._discrepancy_beside(model.curves), columns), residual, precision, departure)
         sizes, evidence = linear.tuned(model.sizes)
-        problem = self._problem(sizes, model.curves)
+        problem = self.problem_of(sizes, model.curves)
         return replace(model, problem=problem, sizes=sizes, evidence=evidence + model.log_odds)
 
     def _settled(self, model: Model[D], steps: int = STEPS) -> Model[D]:
@@ -461,9 +467,15 @@ class Search(Ascent[Model[D]]):
 
     def _proposals(self, model: Model[D]) -> list[Proposal]:
         """The best sets of the linear problem and the best single hypotheses, the most promising first; before them the
-        best single cause of the catalogue: far from the data many small things imitate it.
+        best single cause and the best single curve: far from the data many small things imitate it. Unknown causes
+        compete where something is left, or where something promises evidence at all.
         """
-        hypotheses = self._hypotheses(model, curves=not model.leaves_nothing)
+        found = self._ranked(model, curves=not model.leaves_nothing)
+        return self._ranked(model, curves=True) if found and model.leaves_nothing else found
+
+    def _ranked(self, model: Model[D], curves: bool) -> list[Proposal]:
+        """As :meth:`_proposals`; ``curves`` says whether unknown causes that the model does not have compete."""
+        hypotheses = self._hypotheses(model, curves)
         here = self._widths(hypotheses)
         judged = hypotheses.judged(here)
         now = judged[0].evidence
@@ -485,8 +497,9 @@ class Search(Ascent[Model[D]]):
                 if np.isfinite(odds[g]):
                     propose(evidence - now + float(odds[g]), {**here, int(g): float(width[g])}, level)
         ranked = sorted(proposals.values(), key=lambda row: -row[0])[:FITTED]
-        single = _best_single(hypotheses, here, judged)
-        rows = [] if single is None or single[0] <= _SHARE * ranked[0][0] else [single]
+        if not ranked:
+            return []
+        rows = [row for row in _best_singles(hypotheses, here, judged) if row[0] > _SHARE * ranked[0][0]]
         alone = len(rows)
         rows += [row for row in ranked if row[:2] not in [r[:2] for r in rows]]
         return [
@@ -500,7 +513,7 @@ class Search(Ascent[Model[D]]):
         _, linear, sizes = hypotheses.levels[level]
         effects, curves = hypotheses.model_of(chosen, linear)
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
-        problem = self._problem(sizes, curves)
+        problem = self.problem_of(sizes, curves)
         fitter = self.fitter.with_problem(problem)
         fit = fitter.fit(effects, start=model.fit, exact=True, iterations=STEPS, fresh=False)
         sized = with_priors_of_size(fit.effects, model.expected)

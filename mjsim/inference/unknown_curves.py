@@ -39,7 +39,7 @@ _LOBES = range(1, 9)
 _SMALL = 2e-3
 #: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
 #: sharper than the others.
-_REFINED, FINER, LONGEST = 2, (2, 4, 8), 300
+_REFINED, FINER, LONGEST = 2, (2, 4, 8, 16), 600
 #: Curves that compete beside the model, the best of all.
 _MOST = 6
 
@@ -55,6 +55,7 @@ class Curve:
         columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
         log_odds: Logarithm of its prior odds.
         width: Prior standard deviation where it is in the model; 0 where it is not.
+        readings: What it adds to each test where it is in the model, (m,) m.
     """
 
     term: CurveTerm
@@ -63,6 +64,7 @@ class Curve:
     columns: np.ndarray
     log_odds: float
     width: float = 0.0
+    readings: tuple[np.ndarray, ...] = ()
 
     @property
     def name(self) -> str:
@@ -85,17 +87,40 @@ class Curve:
         return self.width > 0.0
 
     @property
+    def over_mean(self) -> np.ndarray:
+        """Root of its values over their mean, which set-up and locations can take up, (knots, k). One of the time since
+        a reversal has no mean that anything takes up.
+        """
+        return self.root if self.term.variable == "time_since_reversal" else self.root - self.root.mean(axis=0)
+
+    @property
     def widths(self) -> np.ndarray:
         """Prior standard deviations that are tried."""
         return WIDTHS
 
-    def at(self, width: float) -> Curve:
-        """The same in the model with this prior standard deviation."""
-        return replace(self, width=width)
+    def at(self, width: float, x: np.ndarray) -> Curve:
+        """The same in the model.
+
+        Args:
+            width: Prior standard deviation.
+            x: Estimate of its coefficients, (k,).
+        """
+        values, columns = self.root @ x, self.term.columns
+        return replace(self, width=width, readings=tuple(columns.sparse(k) @ values for k in range(len(columns))))
 
 
 def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
     """The priors of a curve and their roots (knots, k), each of variance about one."""
+    for name, root in _priors_of(term):
+        yield name, _over_play(term, root)
+
+
+def _over_play(term: CurveTerm, root: np.ndarray) -> np.ndarray:
+    """What stays long after a reversal is play, so a curve of the time since then ends at zero."""
+    return root - root[-1] if term.variable == "time_since_reversal" else root
+
+
+def _priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
     k = len(term.knots)
     if term.period:
         n, apart = np.arange(k // 2 + 1), (np.arange(k)[:, None] - np.arange(k)) % k
@@ -113,7 +138,7 @@ def steps_of(term: CurveTerm) -> np.ndarray:
     """Root of the prior of a walk of steps, one at each knot, whose variance is about one, (knots, knots)."""
     k = len(term.knots)
     walk = np.tril(np.ones((k, k)))
-    return (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k)
+    return _over_play(term, (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k))
 
 
 def lobes_of(term: CurveTerm, lobes: int) -> np.ndarray:

@@ -25,7 +25,7 @@ class Motion:
         clock: s on the campaign clock, (n,).
         position: load-side axis positions so far, (n, axes) m and rad, in the order of the machine's chain.
         velocity, acceleration: their rates, (n, axes).
-        since_reversal: s since each axis last reversed or started to move, (n, axes).
+        since_reversal: s since each axis last reversed, (n, axes); 1e9 s and more before its first reversal.
         torque: of each motor, N·m, less what gravity takes, (n, axes): J dω/dt + C ω + friction (paper, Fig. 2).
         axes: letters of the axes, one a column.
         ball: centre of the table ball in the work frame, (3,) m.

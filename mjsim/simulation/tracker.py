@@ -13,6 +13,9 @@ from mjsim.simulation.drive import bristle
 if TYPE_CHECKING:
     from mjsim.machine.plant import Plant
 
+#: When an axis has last reversed that has not done so yet, s before the program's start.
+LONG_AGO = 1e9
+
 
 class MotionTracker:
     """Makes :class:`Motion` from positions that arrive in time order, in pieces of any length.
@@ -29,14 +32,14 @@ class MotionTracker:
         count = len(axes)
         self._bristle = np.zeros(count)
         self._last: np.ndarray | None = None
-        self._velocity, self._sign, self._turned = np.zeros(count), np.zeros(count), np.zeros(count)
+        self._velocity, self._sign, self._turned = np.zeros(count), np.zeros(count), np.full(count, -LONG_AGO)
 
     def follow(self, time: np.ndarray, position: np.ndarray) -> Motion:
         """The motion at the instants ``time`` (n,), one step apart and following the earlier ones; ``position`` (n,
         axes).
         """
         if self._last is None:
-            self._last, self._turned = position[0], np.full(len(self._gear), time[0])
+            self._last = position[0]
         velocity = np.diff(position, axis=0, prepend=np.array(self._last)[None]) / self.step
         acceleration = np.diff(velocity, axis=0, prepend=self._velocity[None]) / self.step
         sign = np.sign(np.where(np.abs(velocity) < 1e-9, 0.0, velocity))
@@ -45,7 +48,8 @@ class MotionTracker:
             moving = np.where(sign[:, i] != 0.0, np.arange(len(time)), -1)
             last = np.maximum.accumulate(moving)
             held = np.where(last >= 0, sign[np.maximum(last, 0), i], self._sign[i])
-            changed = np.concatenate([[held[0] != self._sign[i]], held[1:] != held[:-1]])
+            before = np.concatenate([[self._sign[i]], held[:-1]])
+            changed = (held != before) & (before != 0.0)
             start = np.maximum.accumulate(np.where(changed, time, -np.inf))
             turned = np.maximum(start, self._turned[i])
             since[:, i] = time - turned
