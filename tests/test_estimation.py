@@ -1,15 +1,18 @@
 """Pieces of the inference on synthetic data with known answers."""
 
 import dataclasses
+import tomllib
 
 import numpy as np
 import pytest
+from independent import machines, simulate, unlisted
 from noisy_traces import CIRCLE, coloured, samples
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.effects import registry
 from mjsim.inference.bar_search import BarSearch
+from mjsim.inference.curve_terms import CurveTerms
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.findings import explain
 from mjsim.inference.fit import Fitter
@@ -346,6 +349,21 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
 
 
+def test_beside_an_unknown_cause_nothing_is_named_that_its_curve_may_be():
+    """A creep after each reversal is neither play nor friction, and is one curve."""
+    machine, problem = two_cones()
+    model = machines.nominal(machine.name)
+    described = {t["name"]: t for t in tomllib.loads((examples() / "healthy" / "campaign.toml").read_text())["test"]}
+    creeping = []
+    for s in problem.samples:
+        of = described[s.test.name], model["drive"], machines.by_id(model["effect"]), s.time
+        added = simulate.reading(*of, unlisted=(unlisted.ReversalCreep("X", 30.0),)) - simulate.reading(*of)
+        creeping.append(s.without(-added))
+    found = explain(separate(dataclasses.replace(problem, samples=tuple(creeping)), machine))
+    assert (found.verdict, found.selection.found) == ("unknown", [])
+    assert (found.unexplained.axes, found.unexplained.variable) == (("X",), "time_since_reversal")
+
+
 def two_cones():
     """A sound machine, and two of its tests in which C goes round."""
     campaign = read_campaign(examples() / "healthy")
@@ -384,6 +402,34 @@ def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
         want = columns @ (values / term.unit)
         assert np.std(want) > 0.2e-6
         assert np.abs(got - want).max() < 0.03 * np.abs(want).max() + 0.01e-6
+
+
+@pytest.mark.parametrize(
+    ("cause", "value"),
+    [
+        (unlisted.Crosstalk("X", 2.0, moves="Y"), lambda a: 2.0 * a / 0.010),
+        (unlisted.SlideFloat("X", 3.0, moves="Y"), lambda v: 3.0 * np.sqrt(60.0 * np.abs(v))),
+        (unlisted.ReversalCreep("X", 10.0), lambda since: 10.0 * np.exp(-(10.0**since))),
+    ],
+    ids=["acceleration", "velocity", "time since a reversal"],
+)
+def test_a_curve_follows_the_motion_that_the_machine_makes(cause, value):
+    """A cause of the independent generator acts on what the drives do, and is a curve of that: their lag behind the
+    command is no part of its shape. At a reversal the two may differ by the instant from which it counts.
+    """
+    machine, problem = two_cones()
+    model = machines.nominal(machine.name)
+    described = {t["name"]: t for t in tomllib.loads((examples() / "healthy" / "campaign.toml").read_text())["test"]}
+    terms = CurveTerms(problem, Fitter(problem, machine).fit([]))
+    coarse = next(t for t in terms.of(cause.axis, cause.moves or cause.axis) if t.variable == cause.variable[0])
+    (term,) = terms.finer(coarse, 8)
+    for k, (s, columns) in enumerate(zip(problem.samples, term.columns, strict=True)):
+        of = described[s.test.name], model["drive"], machines.by_id(model["effect"])
+        at = s.time - problem.shift(k, terms.fit.nuisance)
+        want = s.average(simulate.reading(*of, at, unlisted=(cause,)) - simulate.reading(*of, at))
+        calm = np.abs(terms.motions[k].velocity[:, terms.chain.index(cause.axis)]) > 1e-3
+        assert np.std(want) > 0.2e-6
+        assert np.std((columns @ value(term.knots) - want)[calm]) < 0.02 * np.std(want)
 
 
 def test_an_oval_table_is_one_wave_along_the_radius():

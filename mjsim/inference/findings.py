@@ -22,21 +22,21 @@ from scipy.special import erfc
 
 from mjsim.inference.bar_search import BarSearch
 from mjsim.inference.budget import Budget, budgets, split_of_bars
-from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated
+from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, expected_effects
 from mjsim.inference.combinations import Combination, combinations
 from mjsim.inference.considered import with_choice, with_instrument
 from mjsim.inference.curve_fit import Together, fit_beside_simple, simplest_shape
 from mjsim.inference.curve_terms import CurveTerm, CurveTerms
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter
-from mjsim.inference.hypotheses import entries_of, log_odds_of, name_of
+from mjsim.inference.hypotheses import CAUSE, entries_of, log_odds_of, name_of
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import TOLD, D, Found, Model, Search, names_to_tell, with_curves
+from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell, with_curves
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
-from mjsim.inference.unknown_curves import FINER, LONGEST, Curve, best_curves
+from mjsim.inference.unknown_curves import FINER, LONGEST, WIDTHS, Curve, best_curves
 from mjsim.inference.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
@@ -131,16 +131,16 @@ class ClassSizes:
         return out
 
     def findings(
-        self, fit: Fit, rivals_of: Mapping[str, Sequence[tuple[str, Model]]], evidence: float
+        self, fit: Fit, size: Mapping[str, float], rivals_of: Mapping[str, Sequence[tuple[str, Model]]], evidence: float
     ) -> list[FoundEffect]:
         """Every effect of a model with the probability that it is larger than its class allows.
 
         Args:
             fit: The model.
+            size: Probability of every effect, by key, that it is there and larger than its class allows.
             rivals_of: Models with something else in the place of a cause, and its id, by the cause's key.
             evidence: Log evidence of the model.
         """
-        size = self.sizes(fit)
         out = []
         for f in fit.effects:
             key, large = f.effect.key, size[f.effect.key]
@@ -245,8 +245,13 @@ class Reader(ABC, Generic[D]):
 
     @property
     def of_class(self) -> ClassSizes:
-        """Sizes against what a machine of its class has."""
-        return ClassSizes(self.model.expected)
+        """Sizes against what a machine of its class has. One with an unknown cause is not as its file says: what else
+        it has is judged as on any machine.
+        """
+        expected = self.model.expected
+        if self.model.curves and not expected:
+            expected = {c.key: c for c in expected_effects(self.model.fit.base)}
+        return ClassSizes(expected)
 
     @abstractmethod
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
@@ -286,6 +291,25 @@ class Reader(ABC, Generic[D]):
         # a number that the data do not show is no more beyond its limit than on any machine of the class
         return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown)
 
+    def _sizes(self, fit: Fit) -> dict[str, float]:
+        """Probability of every effect of a model, by key, that it is there and larger than its class allows. Of an
+        unknown cause nothing is known: an effect is only named for what no curve of it can say, however large.
+        """
+        sizes, curves = self.of_class.sizes(fit), self.model.curves
+        if not curves:
+            return sizes
+        problem = self.search.problem_of(self.model.sizes, [replace(c, width=WIDTHS[-1]) for c in curves])
+        fitter = self.search.fitter.with_problem(problem)
+        free = fitter.fit(fit.effects, start=fit, exact=True, iterations=1, fresh=False)
+        sizes = {key: min(p, sizes[key]) for key, p in self.of_class.sizes(free).items()}
+        for key in [key for key, p in sizes.items() if p >= FINDING]:
+            usual = [self.model.expected[key].free] if key in self.model.expected else []
+            others = [f for f in fit.effects if f.effect.key != key]
+            without = fitter.fit([*others, *usual], start=free, exact=True, iterations=STEPS, fresh=False)
+            odds = 0.5 * (without.objective - free.objective) + CAUSE
+            sizes[key] = min(sizes[key], 1.0 / (1.0 + math.exp(-min(odds, 700.0))))
+        return sizes
+
     def read(self, most: int | None) -> Explained[D]:
         """What the data say.
 
@@ -296,7 +320,7 @@ class Reader(ABC, Generic[D]):
         for _ in range(_SWAPS):
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
-            large = {key for key, p in self.of_class.sizes(fit).items() if p >= FINDING}
+            large = {key for key, p in self._sizes(fit).items() if p >= FINDING}
             rivals = self.search.rivals_of(self.model, large)
             best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
             if best.evidence <= self.model.evidence:
@@ -310,7 +334,7 @@ class Reader(ABC, Generic[D]):
         whitened = self._with_instrument(fit)
         fit = replace(moved, considered=whitened.considered)
         # a probability has the rivals' already: their spread goes into the intervals only
-        rows = self.of_class.findings(fit, rivals, self.model.evidence)
+        rows = self.of_class.findings(fit, self._sizes(fit), rivals, self.model.evidence)
         fit = with_choice(fit, rivals, self.model.evidence)
         budget = self._budget(replace(whitened, considered=fit.considered))
         self.progress("shares of the error", 0, 1)
@@ -388,7 +412,7 @@ class _BarReader(Reader[Problem]):
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
         """Every curve of the model with its values at the knots, over their mean, and the standard deviations of these,
-        all fitted together: set-up and locations can take up the mean.
+        all fitted together.
         """
         model, base = self.model, self.model.base
         alone = Fitter(base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
@@ -400,7 +424,7 @@ class _BarReader(Reader[Problem]):
         first = 0
         for c in model.curves:
             at = slice(first, first + c.columns.shape[1])
-            root = (c.root - c.root.mean(axis=0)) * c.width
+            root = c.over_mean * c.width
             yield c, (root @ sizes[at], np.sqrt(np.einsum("ij,jk,ik->i", root, covariance[at, at], root)))
             first = at.stop
 
