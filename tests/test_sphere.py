@@ -15,7 +15,7 @@ from mjsim.commands.any_instrument import compare_plainly
 from mjsim.errors import InputError
 from mjsim.inference.at_rest import RestProblem, RestSearch
 from mjsim.inference.posterior import Posterior
-from mjsim.instruments.sphere.instrument import circle_through, location_errors, read_points, trace_text
+from mjsim.instruments.sphere.instrument import SphereProbe, circle_through, location_errors, read_points, trace_text
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.units import DEG, UM
 from tests.independent import sphere
@@ -143,6 +143,25 @@ def _elsewhere(table, names):
     table[:, names.index("Z_mm")] += 120.0
 
 
+def _higher(mm):
+    def change(table, names):
+        table[:, names.index("dz_um")] += 1e3 * mm
+
+    return change
+
+
+def _centres(change):
+    """The same of the measured centres, beside commanded positions that are right."""
+
+    def changed(table, names):
+        found, first = table.copy(), names.index("dx_um")
+        found[:, :3] += 1e-3 * table[:, first : first + 3]
+        change(found, names)
+        table[:, first : first + 3] = 1e3 * (found[:, :3] - table[:, :3])
+
+    return changed
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -153,6 +172,12 @@ def _elsewhere(table, names):
         (_exchanged("dy_um", "dz_um"), "dy is dz, dz is dy of the file"),
         (_times("dx_um", -1.0), "dy is minus dy, dz is minus dz of the file"),
         (_millimetres, "change by less than one probed centre repeats"),
+        (_centres(_exchanged("X_mm", "Y_mm")), "X and Y are exchanged"),
+        (_centres(_times("Y_mm", -1.0)), "the sign of Y is turned"),
+        (_centres(lambda t, _: np.divide(t[:, :3], 25.4, out=t[:, :3])), "the linear axes are in inch"),
+        (_centres(_elsewhere), "mm too large everywhere, such as by the length of the probe"),
+        (_higher(0.5), "0.5 mm too far towards the spindle, as with a wrong length of the probe or radius of tip"),
+        (lambda t, _: np.multiply(t[:, 5:8], 1e3, out=t[:, 5:8]), "the deviations are in nm"),
     ],
 )
 def test_mistakes_are_named(spoiled, change, message):
@@ -339,6 +364,26 @@ def test_import(folder, tmp_path):
     assert np.array_equal(again.side, points.side) and np.allclose(again.spindle, points.spindle)
     text = run(*order[:7], "--signal", "dx=3:kg", code=1)
     assert "unit 'kg'" in text
+
+
+def test_import_keeps_the_plan(folder, tmp_path):
+    """A table of planned positions needs no sides and no angles of the spindle; one of other positions gets none."""
+    campaign, _ = read(folder)
+    points = campaign.traces["points"]
+    planned = replace(
+        campaign.tests[0],
+        trace=None,
+        angles=tuple(map(tuple, points.position[:, 3:])),
+        spindle=tuple(points.spindle),
+        approach=tuple(tuple(map(int, -row)) for row in points.side),
+    )
+    columns = dict(zip("AC", points.position[:, 3:].T, strict=True))
+    columns |= dict(zip(("dx", "dy", "dz"), points.deviation.T, strict=True))
+    kept, notes = SphereProbe().from_columns(tmp_path, planned, columns)
+    assert np.array_equal(kept.side, -points.side) and np.allclose(kept.spindle, points.spindle)
+    assert any("from_A, from_C, spindle: as planned" in n for n in notes)
+    other, notes = SphereProbe().from_columns(tmp_path, planned, {k: v[::-1] for k, v in columns.items()})
+    assert not other.spindle.any() and not any("as planned" in n for n in notes)
 
 
 def test_plan_and_positions(folder, tmp_path):

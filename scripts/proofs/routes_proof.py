@@ -129,12 +129,14 @@ def measured_by(rows: list[dict], route: str) -> list[dict]:
 
 
 def inside(rows: list[dict], route: str, names: tuple[str, ...]) -> str:
-    """How many of the numbers lie within their intervals, and the RMS of what they are off over its deviation."""
+    """How many of the numbers lie within their intervals, and the RMS of what they are off over its deviation: that of
+    the side on which the truth lies, because the interval of a play ends at 0.
+    """
     every = np.array([c for name in names for c in cases(rows, route, name)]).reshape(-1, 4)
     if not len(every):
         return "–"
     true, value, low, high = every.T
-    z = (value - true) / ((high - low) / 3.92)
+    z = 1.96 * (true - value) / np.where(true > value, high - value, value - low)
     share = float(np.mean((low <= true) & (true <= high)))
     return f"{100 * share:.1f} % of {len(every)}; {np.sqrt(np.mean(z**2)):.2f}"
 

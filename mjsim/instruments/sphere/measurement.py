@@ -12,7 +12,7 @@ import numpy as np
 from mjsim.errors import InputError
 from mjsim.instruments.base import Stops
 from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
-from mjsim.machine.kinematics import bar_vector
+from mjsim.machine.kinematics import bar_vector, turn_about
 from mjsim.units import DEG, MM, UM
 
 #: Way from which the last move to a point comes, m and rad: more than any play (the largest that is allowed, doubled).
@@ -182,6 +182,34 @@ def stops_of(test: SphereTest, points: Points) -> Stops:
         route.append(both)
         clock.append(np.repeat(points.time if points.timed else np.zeros(n), 2))
     return Stops(np.vstack(route), test.started + np.concatenate(clock), np.stack(at, axis=1), away)
+
+
+def sphere_columns(test: SphereTest, position: np.ndarray) -> np.ndarray:
+    """Derivatives of the deviations by the place of the sphere in the work frame, (n, 3, 3)."""
+    ball, h = np.array(test.sphere), 1e-3
+    at = bar_vector(test.chain, position, ball)
+    return np.stack([(at - bar_vector(test.chain, position, ball + h * e)) / h for e in np.eye(3)], axis=2)
+
+
+def probe_columns(test: SphereTest, points: Points) -> np.ndarray:
+    """Derivatives of the deviations by the place of the probe's tip in the spindle and by a three-lobed pre-travel,
+    (n, 3, 5).
+
+    A tip that is displaced by a vector finds the centre displaced by minus that. Pre-travel with three lobes displaces
+    the centre from four touches along the machine's axes by (cos, sin) of (phase − 3 spindle angle).
+    """
+    chain, n = test.chain, len(points.position)
+    c, s = np.cos(points.spindle), np.sin(points.spindle)
+    zero, one = np.zeros(n), np.ones(n)
+    vectors = [[c, s, zero], [-s, c, zero], [zero, zero, one]]
+    c, s = np.cos(3.0 * points.spindle), np.sin(3.0 * points.spindle)
+    vectors += [[-c, s, zero], [-s, -c, zero]]
+    out = []
+    for vector in vectors:
+        for axis in chain.swivelling:
+            vector = turn_about(axis, vector, points.position[:, chain.index(axis.letter)])
+        out.append(-np.column_stack(vector))
+    return np.stack(out, axis=2)
 
 
 def sides_of(angles: np.ndarray) -> np.ndarray:
