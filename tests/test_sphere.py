@@ -386,6 +386,16 @@ def test_import_keeps_the_plan(folder, tmp_path):
     assert not other.spindle.any() and not any("as planned" in n for n in notes)
 
 
+def test_a_new_campaign_has_planned_positions_without_an_editor(tmp_path):
+    folder = tmp_path / "mine"
+    run("new", "campaign", folder, "--instrument", "sphere")
+    run("plan", folder, "--points", 12, "--range", "A", -90, 30, "--write")
+    (test,) = mjsim.read_campaign(folder).tests
+    assert test.name == "ball" and len(test.angles) == len(test.approach) == len(test.spindle) == 12
+    assert "measured from where A and C meet" in (folder / "campaign.toml").read_text()  # comments stay
+    assert "--write needs --points or --targets" in run("plan", folder, "--write", code=2)
+
+
 def test_plan_and_positions(folder, tmp_path):
     data = json.loads(run("plan", folder, "--points", 24, "--range", "A", -90, 30, "--json"))
     test = data["test"]
