@@ -40,6 +40,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.multibody import Reading
 from mjsim.simulation.readings import readings_of
+from mjsim.simulation.stability import only_in_logs
 from mjsim.threads import one_blas_thread
 
 # -- which physical effects are missing from a machine's model, from ball-bar tests ------------------------------------
@@ -196,7 +197,7 @@ def diagnose_jointly(
         known = machine
         for e in logs.effects:
             known = known.with_effect(e.effect)
-        bar = diagnose_bars(bars, known, max_effects, threads, progress, settings)
+        bar = diagnose_bars(bars, simulated_in_motion(known), max_effects, threads, progress, settings)
         judged = judge.of(bar, {a: s.fit for a, s in logs.selections.items()})
         logs = judge.again(logs, judged)
     return _result(campaign, given, bar, judged, logs, threads, progress)
@@ -211,12 +212,12 @@ def _result(
     threads: int,
     progress: Progress,
 ) -> Diagnosis:
-    final = logs.machine
+    final, moving = logs.machine, simulated_in_motion(logs.machine)
     found = [_of_bar(e, judged, logs) for e in bar.effects]
     names = {e.effect.id for e in found}
     found += [replace(e, decided_by=e.found_by) for e in logs.effects if e.effect.id not in names]
     progress("simulating the machine that both instruments support", 0, 1)
-    after = compare_bars(campaign, final, threads, progress) if final != bar.machine else bar.after
+    after = compare_bars(campaign, moving, threads, progress) if moving != bar.machine else bar.after
     before = compare_logs(campaign, given.before.machine, threads, progress)
     verdict = verdict_of((bool(e.alternatives) or e.contradicted for e in found), bool(bar.unexplained))
     verdict = "unknown" if logs.rest else verdict
@@ -239,6 +240,20 @@ def _result(
         logs=replace(logs, before=before),
         budget=(*(b for b in bar.budget if b.effect_id not in ours), *logs.budget),
     )
+
+
+def simulated_in_motion(machine: Machine) -> Machine:
+    """A machine without the effects that only the simulation of axis logs has, such as cogging or a torque limit: tests
+    in motion are simulated without them.
+    """
+    kept = replace(machine, effects=())
+    if any(map(only_in_logs, build(kept).axes.values())):  # its file says so: that is refused elsewhere
+        return machine
+    for e in machine.effects:
+        more = kept.with_effect(e)
+        if not any(map(only_in_logs, build(more).axes.values())):
+            kept = more
+    return kept
 
 
 def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> DiagnosedEffect:

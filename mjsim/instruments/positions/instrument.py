@@ -402,8 +402,10 @@ def proposals(chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
     for count in range(2, len(chain.linear) + 1) if chain.spatial else ():
         for letters in itertools.combinations(chain.linear, count):
             for down in itertools.product((False, True), repeat=count - 1):  # the first axis goes up
-                both = [(a, *map(float, travel[a])) for a in letters]
-                turned = tuple((a, *(e[::-1] if d else e)) for (a, *e), d in zip(both, (False, *down), strict=True))
+                turned = tuple(
+                    (a, float(travel[a][d]), float(travel[a][not d]))
+                    for a, d in zip(letters, (False, *down), strict=True)
+                )
                 name = "diagonal-" + along(turned)[1:].lower().replace("-", "m")
                 out.append(planned_diagonal(name, turned, chain, periods))
     for a in chain.rotary:
