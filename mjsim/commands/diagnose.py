@@ -92,7 +92,9 @@ def _diagnose(
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     selection.bank.forget()  # the simulations need the room
     vibrations = [_vibration(data, line) for line in separated.lines if is_news(line, machine)]
+    instrument_of = {t.name: t.instrument for t in campaign.measured}
     found = [*_found(data, selection), *sorted(vibrations, key=lambda e: -e.gain)]
+    found = [replace(e, found_by=instrument_of[e.tests[0]]) if e.tests else e for e in found]
     problem = data.restored()
 
     def simulated(m: Machine, described: str, begin: np.ndarray | None = None) -> BarComparison:
@@ -271,7 +273,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> Diagnosed
             ci = model.posterior.interval_of(effect.key)
     by_log = bool(excluded)
     support = judged.support.get(effect.id)
-    by = LogTest.instrument if by_log else BallBarTest.instrument
+    by = LogTest.instrument if by_log else e.found_by
     if not by_log and support is not None and support > LEAST:
         by = BOTH
     axis = logs.selections.get(effect.subject)
@@ -282,7 +284,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> Diagnosed
             effect, ci = now, {**ci, **mine}
             if support is not None and support > LEAST:
                 tests += [d.test.name for d in logs.after.tests if effect.subject in d.axes]
-    competitors = {} if decision is None else {BallBarTest.instrument: decision.bar, LogTest.instrument: decision.logs}
+    competitors = {} if decision is None else {e.found_by: decision.bar, LogTest.instrument: decision.logs}
     whole = None if e.probability is None else e.probability + sum(e.others.values())
     told = e.others if decision is None else {i.split("[")[0]: (whole or 0.0) * p for i, p in decision.told.items()}
     return replace(
