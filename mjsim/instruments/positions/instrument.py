@@ -403,7 +403,7 @@ def proposals(chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
         for letters in itertools.combinations(chain.linear, count):
             for down in itertools.product((False, True), repeat=count - 1):  # the first axis goes up
                 turned = tuple(
-                    (a, float(travel[a][d]), float(travel[a][not d]))
+                    (a, float(travel[a][int(d)]), float(travel[a][1 - d]))
                     for a, d in zip(letters, (False, *down), strict=True)
                 )
                 name = "diagonal-" + along(turned)[1:].lower().replace("-", "m")
