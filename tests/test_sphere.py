@@ -3,6 +3,7 @@ generator.
 """
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -194,6 +195,35 @@ def test_mistakes_are_named(spoiled, change, message):
 
 def test_no_mistake_where_there_is_none(folder):
     assert json.loads(run("check", folder, "--json"))["mistakes"] == []
+
+
+NUMBER = r"([+\u2212-]?[0-9][0-9.]*)"
+
+
+def decimals(text):
+    """Decimals of a printed number; an integer may stand for tens."""
+    return len(text.partition(".")[2])
+
+
+def test_every_number_of_a_report_has_the_digits_of_its_uncertainty(folder, tmp_path):
+    """Every interval and every expanded uncertainty of the page: half of it has two digits, and the number as many
+    decimals. What is known to tens only ends in a zero.
+    """
+    run("report", folder, "-o", tmp_path / "r.html")
+    page = re.sub(r"<(script|style|svg)\b.*?</\1>", "", (tmp_path / "r.html").read_text(), flags=re.DOTALL)
+    rows = [re.sub(r"<[^>]+>", " ", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", page, flags=re.DOTALL)]
+    told = [m for row in rows for m in re.findall(rf"{NUMBER}\s+{NUMBER} to {NUMBER}", row)]
+    halves = [m for row in rows for m in re.findall(rf"{NUMBER} ± {NUMBER}", row)]
+    assert len(told) >= 8 and len(halves) >= 40
+    for value, low, high in told:
+        assert len(set(map(decimals, (value, low, high)))) == 1
+        half = 0.5 * (float(high) - float(low)) * 10 ** decimals(value)
+        assert 9.0 <= half, (value, low, high)  # ends are rounded: half a last digit each
+        assert half <= 100.5 or ("." not in value and value[-1] == low[-1] == high[-1] == "0"), (value, low, high)
+    for value, half in halves:
+        assert decimals(value) == decimals(half)
+        digits = round(float(half) * 10 ** decimals(half))
+        assert 10 <= digits <= 99 or ("." not in half and half[-1] == value[-1] == "0"), (value, half)
 
 
 # -- comparison --------------------------------------------------------------------------------------------------------
