@@ -38,7 +38,7 @@ FEWEST = 3
 DEVIATIONS = tuple(f"d{c.lower()}_um" for c in COORDINATES)
 #: Words of headers of other systems for what was found, before or behind the letter of a coordinate, lower case.
 _FOUND = ("measured", "meas", "actual", "act", "ist", "centre", "center", "m")
-_OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung")
+OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung")
 #: The same for what was commanded.
 _NOMINAL = ("nominal", "nom", "soll", "command", "cmd")
 _WORDS = {"spindle": "spindle", "spindel": "spindle", "run": "run", "lauf": "run", "time": "time", "zeit": "time"}
@@ -419,7 +419,7 @@ class SphereProbe(Instrument[SphereTest, Points]):
             return word.upper()
         for c in (c.lower() for c in COORDINATES):
             parts = word.replace(c, "_", 1).strip("_") if word.count(c) == 1 else ""
-            if c in word and parts in _OFF:
+            if c in word and parts in OFF:
                 return f"d{c}"
             if c in word and parts in _FOUND:
                 return f"{c}_measured"

@@ -10,13 +10,11 @@ from typing import ClassVar
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.instruments.base import Stops
+from mjsim.instruments.base import ASSUMED_AS, FEWEST_REPEATS, LEAD_LINEAR, LEAD_ROTARY, STATED, Stops
 from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
 from mjsim.machine.kinematics import bar_vector, turn_about
-from mjsim.units import DEG, MM, UM
+from mjsim.units import UM
 
-#: Way from which the last move to a point comes, m and rad: more than any play (the largest that is allowed, doubled).
-LEAD_LINEAR, LEAD_ROTARY = 2.0 * MM, 2.0 * DEG
 #: Clock of a point where none was recorded: a point takes so long, s (assumed; only plots show it).
 POINT_TIME = 30.0
 
@@ -148,15 +146,13 @@ class Probe:
         Few repeats are pooled with the statement, which counts as much as 10 of them.
         """
         known = ASSUMED if self.repeatability is None else self.repeatability
-        weight = 3 if self.repeatability is None else 10
+        weight = ASSUMED_AS if self.repeatability is None else STATED
         squares, freedom = self.found
         return float(np.sqrt((squares + weight * known**2) / (freedom + weight)))
 
 
 #: Repeatability where nobody states one, m: a strain-gauge or kinematic touch probe and the axes under it (assumed).
 ASSUMED = 1.0 * UM
-#: Repeated values from which the noise is called theirs.
-FEWEST_REPEATS = 10
 
 
 def stops_of(test: SphereTest, points: Points) -> Stops:
