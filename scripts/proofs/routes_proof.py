@@ -194,7 +194,7 @@ def page(rows: list[dict]) -> str:
     for what, group in groups[1:]:
         counts = [Counter(row["routes"][r]["verdict"] for row in measured_by(group, r)) for r in ROUTES]
         body.append([what, *(", ".join(f"{v} {n}".replace("_", " ") for v, n in c.most_common()) for c in counts)])
-    pace = [[row["routes"][r]["seconds"] for row in measured_by(rows, r)] for r in ROUTES]
+    pace = [[s for row in measured_by(rows, r) if (s := row["routes"][r]["seconds"])] for r in ROUTES]
     out += table(["", *ROUTES], [*body, ["seconds", *(f"{np.median(p):.0f}" if p else "–" for p in pace)]])
     return "\n".join(out).strip() + "\n"
 

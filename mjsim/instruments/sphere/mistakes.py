@@ -216,7 +216,8 @@ def _length_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistake |
         "length",
         (test.name,),
         f"{test.name}: all centres are {abs(x[-1]) / MM:.2g} mm too far towards the {way}, as with a wrong "
-        "length of the probe or radius of tip or sphere; correct it in the control, or take it off the deviations",
+        "length of the probe or radius of tip or sphere (correct it in the control, or take it off the deviations), or "
+        "with a table that lies so much higher or lower than the machine file says",
     )
 
 
