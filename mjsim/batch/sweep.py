@@ -216,7 +216,7 @@ def _tests(
         if named is None:
             raise InputError(f"{path}: the key 'machine' is missing; tests of its own need a machine file")
         file, raw, machine_file = path, data["test"], named
-        tests = tuple(varied_test(file, str(path), t, {}, chain, t["name"]) for t in raw)
+        tests = tuple(varied_test(file, str(path), t, {}, chain) for t in raw)
     else:
         given = _near(path, "campaign", table.campaign)
         campaign = read_campaign(given, traces=False)

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -181,7 +182,7 @@ def check_drive_value(place: str, target: Target, value: float) -> None:
 
 
 def varied_test(
-    file: Path, place: str, table: dict, changes: dict[str, float], chain: Chain, reading: str
+    file: Path, place: str, table: dict, changes: dict[str, float], chain: Chain, reading: str = ""
 ) -> BallBarTest:
     """The test of a ``[[test]]`` table with some of :data:`TEST_VALUES` changed.
 
@@ -191,7 +192,7 @@ def varied_test(
         table: The test as it is written.
         changes: Name -> value.
         chain: Axes of the machine.
-        reading: Name of the test; of an R-test that of one of its coordinates.
+        reading: Of an R-test the name of one of its coordinates.
 
     Raises:
         InputError: The test does not have such a value, or would not be possible with it.
@@ -212,8 +213,8 @@ def varied_test(
             table[key] = value
     try:
         instrument = instrument_of(table.get("kind")) or INSTRUMENTS[BallBarTest.instrument]
-        checked = check(file, instrument.table(chain), table)
-        (test,) = (t for t in instrument.tests_of(file, checked, chain) if t.name == reading)
+        checked: Any = check(file, instrument.table(chain), table)
+        (test,) = (t for t in instrument.tests_of(file, checked, chain) if t.name == (reading or table["name"]))
         return driven(file, test, checked)
     except InputError as error:
         if not changes:
