@@ -16,15 +16,19 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.commands.axis_log.judge import Judge
-from mjsim.commands.diagnose import diagnose_jointly
+from mjsim.commands.diagnose import diagnose_jointly, simulated_in_motion
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.inference.axis_logs.data import axis_data
 from mjsim.inference.axis_logs.shared import shared_entries
+from mjsim.inference.axis_logs.start import start_model
 from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.io.resources import examples
+from mjsim.machine.model import build
+from mjsim.simulation.stability import check_stable
 
 INSTRUMENTS = (
     '[instrument.bar]\nkind = "ball_bar"\n\n[instrument.control]\nkind = "axis_log"\nsample_rate_Hz = 1000.0\n'
@@ -114,6 +118,31 @@ def test_what_the_ball_bar_knows_are_priors(m2):
 
 
 @pytest.mark.slow
+def test_a_bar_that_knows_no_better_leaves_the_data_sheet_its_bounds(mixed, m2):
+    """A number that a ball bar does not show is as uncertain for it as its class. A log may not take that for an
+    explanation: what lies beyond the data sheet is a cause with a name.
+    """
+    data = axis_data(read_campaign(mixed).of("axis_log"), "C", m2)
+    alone = {e.label: e for e in start_model(m2, data).entries}
+    known = explained_by(m2, "friction.C", 1e3, coulomb_Nm=m2.effect("friction.C").values["coulomb_Nm"])
+    entries = {e.label: e for e in start_model(m2, data, (), shared_entries(known, "C")).entries}
+    mine, theirs = entries["friction.C.coulomb_Nm"], alone["friction.C.coulomb_Nm"]
+    assert mine.deviation > theirs.deviation
+    assert (mine.lower, mine.upper) == pytest.approx((theirs.lower, theirs.upper))
+
+
+def test_tests_in_motion_are_simulated_without_what_only_logs_have(m2):
+    """Otherwise a cause that a log has found would end the diagnosis of the ball bar beside it."""
+    found = [
+        registry.make("loop_delay.C", m2.chain, delay_ms=2.0),
+        registry.make("servo_gain.C", m2.chain, ratio=1.03),
+        registry.make("cogging.X", m2.chain, components=[[4.0, 0.1, 0.0]]),
+    ]
+    moving = simulated_in_motion(m2.with_effects(found))
+    assert moving == m2.with_effect(found[1])
+    check_stable(build(moving))
+
+
 def test_two_candidates_are_resolved_by_one_log(mixed, fast_plans, tmp_path):
     cones = ("cone15-centre-ccw", "cone15-x50-ccw", "cone45-x50-ccw")  # which leave two candidates, as all tests do
     ball_bar = read_campaign(cut(tmp_path / "cones", cones, example="two-candidates"))

@@ -385,6 +385,25 @@ def test_plan_and_targets(worn, tmp_path):
     assert "no range of X; allowed: --range X LOW HIGH" in run("plan", worn, "--targets", "X", code=1)
 
 
+def test_a_campaign_from_nothing_to_a_diagonal(tmp_path):
+    """No text editor: a new campaign, a line and a diagonal, and what the control is told along it."""
+    folder = tmp_path / "mine"
+    run("new", "campaign", folder, "--instrument", "positions")
+    run("plan", folder, "--targets", "X", "--range", "X", -150, 150, "--write")
+    ends = ("--range", "X", -150, 150, "--range", "Z", 200, 0)
+    data = json.loads(run("plan", folder, "--targets", "XZ", *ends, "--write", "--json"))
+    assert data["test"]["from_mm"] == {"X": -150.0, "Z": 200.0} and data["test"]["to_mm"] == {"X": 150.0, "Z": 0.0}
+    line, diagonal = mjsim.read_campaign(folder).tests
+    assert (line.name, diagonal.name, diagonal.component) == ("targets-x", "diagonal-xz", "DXZ-")
+    assert diagonal.targets[0] == 0.0 and diagonal.length - 1e-6 < diagonal.targets[-1] + 2e-3
+    run("nc", folder, "--test", "diagonal-xz", "-o", tmp_path / "d.csv")
+    head, first, *_ = (tmp_path / "d.csv").read_text().splitlines()
+    assert head == "target_mm,run,direction,X_mm,Z_mm"
+    assert first.split(",")[3:] == ["-150.0000", "200.0000"]
+    said = run("plan", folder, "--targets", "XZ", "--range", "X", 0, 0, "--range", "Z", 0, 100, code=1)
+    assert "range of X: 0 to 0; allowed: two ends that differ" in " ".join(said.split())
+
+
 def test_the_page_says_what_the_standard_says(diagnosed):
     section = section_of_points(diagnosed, diagnosed.at_rest[0])
     assert answer_of(diagnosed)["verdict"] == "identified" and section["by_itself"][0] == "from the means"

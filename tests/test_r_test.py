@@ -252,6 +252,28 @@ def test_a_plan_of_motions(sound):
     assert "axis_location.EB0C" in said["told"] and said["minutes"] <= 15
 
 
+def test_sweeps_and_simulations_run_it(sound, tmp_path):
+    """One coordinate of one recording, or all three; the reading of a sweep is that of the command ``simulate``."""
+    said = json.loads(
+        run("simulate", str(sound), "--test", "a-up", "--out", str(tmp_path / "s"), "--no-plots", "--json")
+    )
+    rows = {r["name"]: r for r in said["tests"]}
+    assert set(rows) == {"a-up.dx", "a-up.dy", "a-up.dz"}
+    sweep = {"name": "both", "campaign": "c", "tests": ["a-up.dy", "c-cw"], "design": "grid"}
+    vary = {"parameter": "feed_mm_min", "values": [4000.0, 2000.0]}
+    (tmp_path / "c").symlink_to(sound)
+    (tmp_path / "sweep.toml").write_text(tomlkit.dumps(sweep | {"vary": [vary]}))
+    table = mjsim.run_batch(tmp_path / "sweep.toml", tmp_path / "out").to_dataframe()
+    assert set(table["test"]) == {"a-up.dy", "c-cw.dx", "c-cw.dy", "c-cw.dz"} and table["error"].isna().all()
+    assert table["circular_error_um"].isna().all()  # a coordinate is no circle
+    (own,) = table[(table["test"] == "a-up.dy") & (table["feed_mm_min"] == 4000.0)]["max_um"]
+    assert own == pytest.approx(rows["a-up.dy"]["max_um"], abs=1e-3)
+    vary["parameter"] = "table_ball_mm.x"
+    (tmp_path / "sweep.toml").write_text(tomlkit.dumps(sweep | {"vary": [vary]}))
+    with pytest.raises(InputError, match="has no table_ball_mm"):
+        mjsim.run_batch(tmp_path / "sweep.toml", tmp_path / "out2")
+
+
 def test_one_turn_twice_tells_the_noise(tmp_path):
     place = {"kind": "r_test", "sphere_mm": BALL, "setup": "s", "feed_mm_min": 6000.0, "started_s": 0.0}
     twice = {"name": "c", "trace": "traces/c.csv", **place, "axis": "C", "from_deg": 0.0, "to_deg": 720.0}

@@ -79,7 +79,8 @@ def test_the_names_of_a_new_campaign(tmp_path, monkeypatch):
     assert read_campaign(".").name == name and Path.cwd().samefile(tmp_path / name)
     mjsim.new_campaign(tmp_path / "deep" / "er", name="other")
     assert read_campaign(tmp_path / "deep" / "er").name == "other"
-    assert sorted(p.name for p in TEMPLATE.iterdir()) == ["README.md", "campaign.toml", "logs.toml", "machine.toml"]
+    names = ["README.md", "campaign.toml", "logs.toml", "machine.toml", "positions.toml", "sphere.toml"]
+    assert sorted(p.name for p in TEMPLATE.iterdir()) == names
 
 
 def test_a_new_campaign_overwrites_nothing(tmp_path):

@@ -3,6 +3,7 @@ generator.
 """
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from mjsim.commands.any_instrument import compare_plainly
 from mjsim.errors import InputError
 from mjsim.inference.at_rest import RestProblem, RestSearch
 from mjsim.inference.posterior import Posterior
-from mjsim.instruments.sphere.instrument import circle_through, location_errors, read_points, trace_text
+from mjsim.instruments.sphere.instrument import SphereProbe, circle_through, location_errors, read_points, trace_text
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.units import DEG, UM
 from tests.independent import sphere
@@ -143,6 +144,25 @@ def _elsewhere(table, names):
     table[:, names.index("Z_mm")] += 120.0
 
 
+def _higher(mm):
+    def change(table, names):
+        table[:, names.index("dz_um")] += 1e3 * mm
+
+    return change
+
+
+def _centres(change):
+    """The same of the measured centres, beside commanded positions that are right."""
+
+    def changed(table, names):
+        found, first = table.copy(), names.index("dx_um")
+        found[:, :3] += 1e-3 * table[:, first : first + 3]
+        change(found, names)
+        table[:, first : first + 3] = 1e3 * (found[:, :3] - table[:, :3])
+
+    return changed
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -153,6 +173,12 @@ def _elsewhere(table, names):
         (_exchanged("dy_um", "dz_um"), "dy is dz, dz is dy of the file"),
         (_times("dx_um", -1.0), "dy is minus dy, dz is minus dz of the file"),
         (_millimetres, "change by less than one probed centre repeats"),
+        (_centres(_exchanged("X_mm", "Y_mm")), "X and Y are exchanged"),
+        (_centres(_times("Y_mm", -1.0)), "the sign of Y is turned"),
+        (_centres(lambda t, _: np.divide(t[:, :3], 25.4, out=t[:, :3])), "the linear axes are in inch"),
+        (_centres(_elsewhere), "mm too large everywhere, such as by the length of the probe"),
+        (_higher(0.5), "0.5 mm too far towards the spindle, as with a wrong length of the probe or radius of tip"),
+        (lambda t, _: np.multiply(t[:, 5:8], 1e3, out=t[:, 5:8]), "the deviations are in nm"),
     ],
 )
 def test_mistakes_are_named(spoiled, change, message):
@@ -169,6 +195,35 @@ def test_mistakes_are_named(spoiled, change, message):
 
 def test_no_mistake_where_there_is_none(folder):
     assert json.loads(run("check", folder, "--json"))["mistakes"] == []
+
+
+NUMBER = r"([+\u2212-]?[0-9][0-9.]*)"
+
+
+def decimals(text):
+    """Decimals of a printed number; an integer may stand for tens."""
+    return len(text.partition(".")[2])
+
+
+def test_every_number_of_a_report_has_the_digits_of_its_uncertainty(folder, tmp_path):
+    """Every interval and every expanded uncertainty of the page: half of it has two digits, and the number as many
+    decimals. What is known to tens only ends in a zero.
+    """
+    run("report", folder, "-o", tmp_path / "r.html")
+    page = re.sub(r"<(script|style|svg)\b.*?</\1>", "", (tmp_path / "r.html").read_text(), flags=re.DOTALL)
+    rows = [re.sub(r"<[^>]+>", " ", row) for row in re.findall(r"<tr[^>]*>(.*?)</tr>", page, flags=re.DOTALL)]
+    told = [m for row in rows for m in re.findall(rf"{NUMBER}\s+{NUMBER} to {NUMBER}", row)]
+    halves = [m for row in rows for m in re.findall(rf"{NUMBER} ± {NUMBER}", row)]
+    assert len(told) >= 8 and len(halves) >= 40
+    for value, low, high in told:
+        assert len(set(map(decimals, (value, low, high)))) == 1
+        half = 0.5 * (float(high) - float(low)) * 10 ** decimals(value)
+        assert 9.0 <= half, (value, low, high)  # ends are rounded: half a last digit each
+        assert half <= 100.5 or ("." not in value and value[-1] == low[-1] == high[-1] == "0"), (value, low, high)
+    for value, half in halves:
+        assert decimals(value) == decimals(half)
+        digits = round(float(half) * 10 ** decimals(half))
+        assert 10 <= digits <= 99 or ("." not in half and half[-1] == value[-1] == "0"), (value, half)
 
 
 # -- comparison --------------------------------------------------------------------------------------------------------
@@ -339,6 +394,36 @@ def test_import(folder, tmp_path):
     assert np.array_equal(again.side, points.side) and np.allclose(again.spindle, points.spindle)
     text = run(*order[:7], "--signal", "dx=3:kg", code=1)
     assert "unit 'kg'" in text
+
+
+def test_import_keeps_the_plan(folder, tmp_path):
+    """A table of planned positions needs no sides and no angles of the spindle; one of other positions gets none."""
+    campaign, _ = read(folder)
+    points = campaign.traces["points"]
+    planned = replace(
+        campaign.tests[0],
+        trace=None,
+        angles=tuple(map(tuple, points.position[:, 3:])),
+        spindle=tuple(points.spindle),
+        approach=tuple(tuple(map(int, -row)) for row in points.side),
+    )
+    columns = dict(zip("AC", points.position[:, 3:].T, strict=True))
+    columns |= dict(zip(("dx", "dy", "dz"), points.deviation.T, strict=True))
+    kept, notes = SphereProbe().from_columns(tmp_path, planned, columns)
+    assert np.array_equal(kept.side, -points.side) and np.allclose(kept.spindle, points.spindle)
+    assert any("from_A, from_C, spindle: as planned" in n for n in notes)
+    other, notes = SphereProbe().from_columns(tmp_path, planned, {k: v[::-1] for k, v in columns.items()})
+    assert not other.spindle.any() and not any("as planned" in n for n in notes)
+
+
+def test_a_new_campaign_has_planned_positions_without_an_editor(tmp_path):
+    folder = tmp_path / "mine"
+    run("new", "campaign", folder, "--instrument", "sphere")
+    run("plan", folder, "--points", 12, "--range", "A", -90, 30, "--write")
+    (test,) = mjsim.read_campaign(folder).tests
+    assert test.name == "ball" and len(test.angles) == len(test.approach) == len(test.spindle) == 12
+    assert "measured from where A and C meet" in (folder / "campaign.toml").read_text()  # comments stay
+    assert "--write needs --points or --targets" in run("plan", folder, "--write", code=2)
 
 
 def test_plan_and_positions(folder, tmp_path):

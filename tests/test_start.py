@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import tomlkit
 from commands import cut, run, snapshot
+from independent import r_test
 from test_import_b5r_runs import document, one
 
 from mjsim.campaign.files import read_campaign
@@ -94,7 +95,7 @@ def test_the_tests_of_a_campaign_file_wait_for_their_traces(draft, tmp_path):
 
 
 def test_programs_of_all_tests(draft):
-    with pytest.raises(InputError, match="no ball-bar test yet"):
+    with pytest.raises(InputError, match="There is no test yet"):
         draft.programs("fanuc")
     draft.add_tests([{"name": "circle-xy-ccw", **CIRCLE}])
     archive = zipfile.ZipFile(io.BytesIO(draft.programs("siemens")))
@@ -123,6 +124,25 @@ def test_a_wrong_file_changes_nothing(draft, name, data, said):
     with pytest.raises(InputError, match=said) as refused:
         draft.drop(name, data)
     assert snapshot(draft.folder) == before and str(draft.folder) not in str(refused.value)
+
+
+def test_an_r_test_from_plan_to_recording(draft, tmp_path):
+    """The tests of a plan, their programs, and recordings that are named as they."""
+    place = {"kind": "r_test", "sphere_mm": [110.0, 20.0, 90.0], "setup": "sphere", "feed_mm_min": 4000.0}
+    planned = {"name": "c-ccw", **place, "axis": "C", "from_deg": 0.0, "to_deg": 200.0}
+    r_test.write(tmp_path, 5, tests=[{**planned, "trace": "traces/c-ccw.csv", "started_s": 0.0}])
+    draft.drop("machine.toml", (tmp_path / "machine.toml").read_bytes())
+    draft.choose_instrument("r_test")
+    with pytest.raises(InputError, match="of which there is none yet: take over a plan first"):
+        draft.drop("c-ccw.csv", (tmp_path / "traces" / "c-ccw.csv").read_bytes())
+    draft.add_tests([planned])
+    with zipfile.ZipFile(io.BytesIO(draft.programs("fanuc"))) as archive:
+        assert archive.namelist() == ["c-ccw.nc"] and b"R-TEST C-CCW" in archive.read("c-ccw.nc")
+    said = draft.drop("c-ccw.csv", (tmp_path / "traces" / "c-ccw.csv").read_bytes())
+    assert said == "c-ccw.csv: the recording of c-ccw." and draft.files["c-ccw.csv"].test == "c-ccw"
+    assert draft.mistakes(1) == []
+    mine, theirs = (read_campaign(f).traces["c-ccw.dz"] for f in (draft.write(str(tmp_path / "new")), tmp_path))
+    assert np.allclose(mine.deviation, theirs.deviation)
 
 
 def test_what_is_missing_is_said(tmp_path):

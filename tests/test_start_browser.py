@@ -7,6 +7,7 @@ from importlib.util import find_spec
 import pytest
 import tomlkit
 from commands import cut
+from independent import r_test
 from test_report_browser import BROWSER, FLAGS
 from test_workbench_browser import Page, opened
 from test_workbench_logs import write as write_log
@@ -53,6 +54,23 @@ def drop(tab, *files):
 def entry(tab, name):
     """The entry of a dropped file."""
     return tab.page.locator(f"[data-file='{name}']")
+
+
+def test_a_recording_of_an_r_test(browser, address, tmp_path):
+    place = {"kind": "r_test", "sphere_mm": [110.0, 20.0, 90.0], "setup": "sphere", "feed_mm_min": 4000.0}
+    turn = {"name": "c-ccw", **place, "axis": "C", "from_deg": 0.0, "to_deg": 200.0, "trace": "traces/c-ccw.csv"}
+    r_test.write(tmp_path, 5, tests=[turn])
+    tab = Page(browser, address)
+    tab.page.get_by_role("button", name="new campaign").click()
+    drop(tab, tmp_path / "machine.toml")
+    tab.page.get_by_text("the machine is M1").wait_for()
+    tab.page.get_by_label("an R-test").click()
+    tab.page.get_by_text("Drop recordings named as their tests").wait_for()
+    drop(tab, tmp_path / "campaign.toml")
+    tab.page.get_by_text("1 tests. Drop their traces.").wait_for()
+    drop(tab, tmp_path / "traces" / "c-ccw.csv")
+    entry(tab, "c-ccw.csv").locator("svg.preview").wait_for()
+    tab.page.get_by_text("check: no mistake found").wait_for()
 
 
 def test_from_the_empty_page_to_the_finding_and_the_report(browser, address, tmp_path):

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from commands import run
+from commands import printed, run
 from independent import warming
 
 import mjsim
@@ -59,6 +59,55 @@ def test_a_wrong_record_is_refused(tmp_path, text, message):
     with pytest.raises(InputError) as error:
         read_temperatures(tmp_path)
     assert message in str(error.value) and "temperature.csv" in str(error.value)
+
+
+def logger(folder, text):
+    """A campaign's folder with the file of a logger."""
+    (folder / "campaign.toml").write_text('name = "warm"\n')
+    (folder / "log.csv").write_text(text, encoding="utf-8")
+    return ("import", folder / "log.csv", "--campaign", folder, "--temperatures")
+
+
+def test_a_logger_with_dates_is_imported(tmp_path):
+    """German words, decimal commas, times without seconds, an empty cell, and one minute twice."""
+    rows = ["1;01.03.2026 23:59;21,4;20,9", "2;02.03.2026 00:00;21,5;20,9", "3;02.03.2026 00:00;22,5;20,9"]
+    rows += ["4;02.03.2026 00:01;;20,9", "5;02.03.2026 00:02;23,5;21,0"]
+    order = logger(tmp_path, "\n".join(["Logger 7", "Nr.;Datum;Spindel vorn [°C];Bett [°C]", *rows, ""]))
+    start = ("--start", "02.03.2026 00:00")
+    preview = json.loads(printed(*order, *start, "--preview", "--json"))["temperatures"]
+    assert preview["samples"] == 3 and not (tmp_path / "temperature.csv").exists()
+    printed(*order, *start)
+    t = read_temperatures(tmp_path)
+    assert t.names == ("Spindel-vorn", "Bett") and t.time.tolist() == [-60.0, 0.0, 120.0]
+    assert t.value.tolist() == [[21.4, 20.9], [22.0, 20.9], [23.5, 21.0]]
+    assert "exists already" in printed(*order, code=1)
+    printed(*order, "--force")  # without a start: from the first sample
+    assert read_temperatures(tmp_path).time.tolist() == [0.0, 60.0, 180.0]
+
+
+def test_other_units_and_clocks_of_a_logger(tmp_path):
+    order = logger(tmp_path, "time,T1_degF,T2 (K)\n23:59:30,68,293.15\n23:59:50,77,294.15\n00:00:10,86,295.15\n")
+    printed(*order, "--start", "23:59:00")
+    t = read_temperatures(tmp_path)
+    assert t.names == ("T1", "T2") and t.time.tolist() == [30.0, 50.0, 70.0]  # over midnight
+    assert np.allclose(t.value, [[20.0, 20.0], [25.0, 21.0], [30.0, 22.0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "more", "message"),
+    [
+        ("a;b\n1;2\n2;2\n3;2\n", (), "no column of times"),
+        ("time;a\n08:00:00;2\n08:01:00;2\n08:00:30;2\n", (), "line 4: time_s = 30 after 60; allowed: times that grow"),
+        ("time;a\n08:00:00;2\n08:01:00;2\n08:02:00;2\n", ("--start", "2026-03-02 08:00"), "a time of day, as of"),
+        ("time;a\n0;2\n60;2\n120;2\n", ("--start", "08:00:00"), "no times of day, so --start has no meaning"),
+        ("time;a [mV]\n0;2\n60;2\n120;2\n", (), "in mv; allowed: °C, °F or K"),
+        ("time;a\n0;2\n60;950\n120;2\n", (), "line 3: a = 950; allowed: -50 to 200 °C"),
+    ],
+)
+def test_a_wrong_file_of_a_logger_is_refused(tmp_path, text, more, message):
+    order = logger(tmp_path, text)
+    assert message in " ".join(printed(*order, *more, code=1).split())
+    assert not (tmp_path / "temperature.csv").exists()
 
 
 def test_a_record_is_averaged_and_stays_beyond_its_ends():

@@ -4,7 +4,9 @@ import json
 
 import numpy as np
 import pytest
+import tomlkit
 from click.testing import CliRunner
+from independent import drives, machine_logs, machines
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -54,8 +56,8 @@ def folder(tmp_path):
     return make
 
 
-def diagnosed(place):
-    return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"))
+def diagnosed(place, most=None):
+    return diagnose_logs(read_campaign(place), read_machine(place / "machine.toml"), most)
 
 
 @pytest.mark.parametrize(("letter", "width", "sample"), [("Y", 4e-6, 1e-3), ("Z", 25e-6, 2e-3)])
@@ -105,6 +107,35 @@ def test_waves_and_scale_between_the_encoders(folder):
 def test_what_a_sound_transmission_has_is_no_finding(folder):
     result = diagnosed(folder(lambda motor, step: stuck(motor, 0.3e-6) + 0.2e-6 * np.sin(2 * np.pi * motor / 0.010)))
     assert result.verdict == "nothing_found" and result.effects == () and result.rest == ()
+
+
+def soft(folder, stiffness, width):
+    """A log of X of the paper's machine with an elastic drive and a play behind it, by the independent integrator."""
+    planted = [{"id": "drive_compliance.X", "stiffness_N_per_um": stiffness, "damping_ratio": 0.08}]
+    axes, effects = machines.true_machine(machines.nominal("M1"), planted, np.random.default_rng([3, 0]))
+    command, ratio = machine_logs.strokes("X"), drives.gear(axes["X"])
+    numbers = drives.parameters("X", axes["X"], effects)
+    motor, behind, _ = drives._moved(np.ascontiguousarray(command * ratio).tobytes(), 60, numbers)
+    both, random = [motor / ratio, stuck(behind / ratio, width)], np.random.default_rng(4)
+    both = [STEP * np.round((x + 0.02e-6 * random.normal(size=len(x))) / STEP) for x in both]
+    names = ["time_s", "X_command_mm", "X_actual_mm", "X_load_mm"]
+    columns = [drives.GRID * np.arange(len(command)), *(1e3 * x for x in (command, *both))]
+    lines = [",".join(names), *(",".join(f"{v:.7f}" for v in row) for row in zip(*columns, strict=True)), ""]
+    (folder / "traces").mkdir(parents=True)
+    (folder / "traces" / "log.csv").write_text("\n".join(lines))
+    (folder / "machine.toml").write_text(tomlkit.dumps(machines.nominal("M1")))
+    control = {"kind": "axis_log", "sample_rate_Hz": 1000.0, "resolution_um": 0.1, "resolution_deg": 1e-4}
+    test = {"name": "log", "kind": "log", "trace": "traces/log.csv", "axes": ["X"]}
+    (folder / "campaign.toml").write_text(tomlkit.dumps({"name": "soft", "instrument": control, "test": [test]}))
+    return diagnosed(folder, 2)
+
+
+def test_play_and_compliance_are_told_apart(tmp_path):
+    """The load rings at 100 Hz, which the model leaves."""
+    found = {e.effect.id: e.effect.values for e in soft(tmp_path / "both", 200.0, 6e-6).effects}
+    assert set(found) == {"backlash.X", "drive_compliance.X"}
+    assert found["backlash.X"]["width_um"] == pytest.approx(6.0, rel=0.01)
+    assert found["drive_compliance.X"]["stiffness_N_per_um"] == pytest.approx(200.0, rel=0.01)
 
 
 def test_something_else_between_the_encoders_is_unknown(folder):

@@ -23,7 +23,7 @@ from mjsim.batch.simulate import Outcome
 from mjsim.batch.sweep import Job, Sweep
 from mjsim.batch.tables import NUMBER, NUMBERS, TEXT, WHOLE, Columns, Table, held, schema, versions
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.files import test_table
+from mjsim.instruments.base import table_of
 from mjsim.io.files import check_writable, write_whole
 from mjsim.io.inputs import file_bytes
 
@@ -71,7 +71,7 @@ def describe(sweep: Sweep) -> dict:
         "design": sweep.data.get("design", "grid"),
         "seed": sweep.data.get("seed", 0),
         "runs": sweep.runs,
-        "tests": [test_table(t) for t in sweep.tests],
+        "tests": [table_of(t) for t in sweep.tests],
         "machine": sweep.base.name,
         "inputs_sha256": sweep.inputs,
         "versions": versions(),

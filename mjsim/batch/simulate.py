@@ -24,6 +24,7 @@ from mjsim.instruments.ball_bar.iso230 import least_squares_circle
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.machine.kinematics import read_along
 from mjsim.machine.model import build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
@@ -88,7 +89,7 @@ class TestPlan:
         self._directions = np.column_stack([np.cos(phi), np.sin(phi)])
         self._centre = np.full((2, len(phi)), np.nan)
         try:
-            if kind_of(test).goes_round:
+            if kind_of(test).goes_round and not test.component:
                 least_squares_circle(phi, np.zeros(len(phi)))  # refuses an arc
                 basis = np.column_stack([self._directions, np.ones(len(phi))])
                 self._centre = np.linalg.solve(basis.T @ basis, basis.T)[:2]
@@ -175,7 +176,8 @@ class Simulator:
         )
         check_warnings(plan.test, data)
         first, second = (sensors[:, sensor(model, name)] for name in mjmodel.BALLS)
-        deviation = np.linalg.norm(first - second, axis=1) - plan.test.length
+        away, component = first - second, plan.test.component
+        deviation = away @ read_along(component) if component else np.linalg.norm(away, axis=1) - plan.test.length
         if not np.isfinite(deviation).all():
             raise not_finite(plan.test)
         return deviation

@@ -163,7 +163,7 @@ class Sweep:
         if not changes:
             return self.tests[job.test]
         file, table = self._tables[job.test]
-        return varied_test(file, str(self.path), table, changes, self.base.chain)
+        return varied_test(file, str(self.path), table, changes, self.base.chain, self.tests[job.test].name)
 
 
 def read_sweep(path: str | Path) -> Sweep:
@@ -221,17 +221,17 @@ def _tests(
         given = _near(path, "campaign", table.campaign)
         campaign = read_campaign(given, traces=False)
         file = given if given.is_file() else campaign.folder / "campaign.toml"
-        tests, machine_file = campaign.of(BallBarTest.instrument).tests, named or campaign.machine_file
+        tests, machine_file = campaign.in_motion.tests, named or campaign.machine_file
         tables = {t["name"]: t for t in parse(file)["test"]}
-        raw = [tables[t.name] for t in tests]
+        raw = [tables[t.recording] for t in tests]
     names = [t.name for t in tests]
     for name in names:
         if names.count(name) > 1:
             raise InputError(
                 f'{path}: [[test]] name "{name}" appears {names.count(name)} times; allowed: each name once'
             )
-    chosen = _chosen(path, table.tests, names)
-    pairs = [(t, (file, r)) for t, r in zip(tests, raw, strict=True) if t.name in chosen]
+    chosen = _chosen(path, table.tests, list(dict.fromkeys([*names, *(t.recording for t in tests)])))
+    pairs = [(t, (file, r)) for t, r in zip(tests, raw, strict=True) if t.name in chosen or t.recording in chosen]
     return tuple(t for t, _ in pairs), tuple(place for _, place in pairs), machine_file
 
 

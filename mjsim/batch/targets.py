@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -16,8 +17,8 @@ from mjsim.campaign.schema import DriveTable
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.data_sheet import sheet_of
-from mjsim.instruments.ball_bar.files import ball_bar_table, test_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS, instrument_of
 from mjsim.io.toml import check
 from mjsim.machine.chain import Chain
 from mjsim.machine.model import FRICTION_PARAMETERS, Machine
@@ -180,7 +181,9 @@ def check_drive_value(place: str, target: Target, value: float) -> None:
         raise InputError(f"{place}: {value:g}; {allowed}") from None
 
 
-def varied_test(file: Path, place: str, table: dict, changes: dict[str, float], chain: Chain) -> BallBarTest:
+def varied_test(
+    file: Path, place: str, table: dict, changes: dict[str, float], chain: Chain, reading: str = ""
+) -> BallBarTest:
     """The test of a ``[[test]]`` table with some of :data:`TEST_VALUES` changed.
 
     Args:
@@ -189,6 +192,7 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float], 
         table: The test as it is written.
         changes: Name -> value.
         chain: Axes of the machine.
+        reading: Of an R-test the name of one of its coordinates.
 
     Raises:
         InputError: The test does not have such a value, or would not be possible with it.
@@ -201,13 +205,17 @@ def varied_test(file: Path, place: str, table: dict, changes: dict[str, float], 
                 raise InputError(
                     f'{place}: {name} cannot be varied: test "{table["name"]}" is driven by the {what} {table[driver]}'
                 )
+        if coordinate and key not in table:
+            raise InputError(f'{place}: {name} cannot be varied: test "{table["name"]}" has no {key}')
         if coordinate:
             table[key] = [value if a == coordinate else x for a, x in zip("xyz", table[key], strict=True)]
         else:
             table[key] = value
     try:
-        checked = check(file, ball_bar_table(chain), table)
-        return driven(file, test_of(file, checked, chain), checked)
+        instrument = instrument_of(table.get("kind")) or INSTRUMENTS[BallBarTest.instrument]
+        checked: Any = check(file, instrument.table(chain), table)
+        (test,) = (t for t in instrument.tests_of(file, checked, chain) if t.name == (reading or table["name"]))
+        return driven(file, test, checked)
     except InputError as error:
         if not changes:
             raise

@@ -102,7 +102,9 @@ def _without_name(test: Any) -> Any:
     return {k: v for k, v in test.items() if k != "instrument"} if isinstance(test, dict) else test
 
 
-def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, spans: bool = True) -> Campaign:
+def read_campaign(
+    path: str | Path, traces: bool = True, as_is: bool = False, spans: bool = True, empty: bool = False
+) -> Campaign:
     """Read a campaign.
 
     Args:
@@ -111,6 +113,7 @@ def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, sp
         as_is: the campaign is not to be searched for mistakes (sign, unit, direction) when it is compared with a
             machine.
         spans: refuse traces whose times are not those of their programs.
+        empty: allow one that has no test yet.
 
     Raises:
         InputError: a file, key, value or trace is wrong; nothing is guessed.
@@ -121,7 +124,7 @@ def read_campaign(path: str | Path, traces: bool = True, as_is: bool = False, sp
         raise InputError(
             f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml"
         )
-    return campaign_from(file, parse(file), traces, as_is, spans)
+    return campaign_from(file, parse(file), traces, as_is, spans, empty)
 
 
 def campaign_from(

@@ -288,15 +288,18 @@ sample_rate_Hz = {sample_rate_Hz:g}
 """
 #: Numbers of an ordinary ball bar.
 BALL_BAR = {"resolution_um": 0.1, "range_mm": 1.0, "sample_rate_Hz": 200.0}
-_FILES = {"campaign.toml": "campaign.toml", "machine.toml": "machine.toml", "README.md": "traces/README.md"}
+_FILES = {"machine.toml": "machine.toml", "README.md": "traces/README.md"}
+#: Files that a campaign.toml begins as, by kind of the instrument.
+CAMPAIGNS = {"ball_bar": "campaign.toml", "sphere": "sphere.toml", "positions": "positions.toml"}
 
 
-def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
+def new_campaign(folder: str | Path, name: str | None = None, instrument: str = "ball_bar") -> list[Path]:
     """Start a campaign: campaign.toml, machine.toml and an empty folder for the traces; all of it, or nothing.
 
     Args:
         folder: new, or empty.
         name: of the campaign; the folder's when missing.
+        instrument: that it begins with: ``ball_bar``, ``sphere`` or ``positions``.
 
     Returns:
         The files.
@@ -306,7 +309,10 @@ def new_campaign(folder: str | Path, name: str | None = None) -> list[Path]:
     """
     folder = Path(folder)
     name = check_new_folder(folder, name, "campaign")
-    texts = {place: (TEMPLATE / source).read_text(encoding="utf-8") for source, place in _FILES.items()}
+    files = {CAMPAIGNS[instrument]: "campaign.toml", **_FILES}
+    texts = {place: (TEMPLATE / source).read_text(encoding="utf-8") for source, place in files.items()}
+    if instrument != "ball_bar":
+        texts["traces/README.md"] = "What was measured. `mjsim import FILE --points` writes it here.\n"
     contents = {
         folder / place: text.replace('"@NAME@"', json.dumps(name, ensure_ascii=False)) for place, text in texts.items()
     }

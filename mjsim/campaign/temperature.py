@@ -40,6 +40,22 @@ def read_temperatures(folder: Path) -> Temperatures | None:
     if not path.is_file():
         return None
     names, table, lines = csv_table(path, lambda columns: _check_names(path, columns))
+    return temperatures_of(path, names, table, lines)
+
+
+def temperatures_of(path: Path, names: list[str], table: np.ndarray, lines: np.ndarray) -> Temperatures:
+    """Temperatures from a table of numbers.
+
+    Args:
+        path: Of the file, for messages.
+        names: Of the columns: ``time_s``, and one for each sensor.
+        table: s and °C, (n, columns).
+        lines: Of the rows in the file, (n,).
+
+    Raises:
+        InputError: A column, time or value is wrong.
+    """
+    _check_names(path, names)
     if len(table) < 2:
         raise InputError(f"{path}: {len(table)} rows of numbers; allowed: two or more")
     check_growing(path, table[:, 0], lambda i: int(lines[i]))

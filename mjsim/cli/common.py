@@ -295,7 +295,9 @@ threads_option = click.option(
 )
 
 
-def campaign_and_machine(campaign: Path, machine: Path | None, as_is: bool = False, traces: bool = True):
+def campaign_and_machine(
+    campaign: Path, machine: Path | None, as_is: bool = False, traces: bool = True, empty: bool = False
+):
     """What a command is about.
 
     Args:
@@ -303,6 +305,7 @@ def campaign_and_machine(campaign: Path, machine: Path | None, as_is: bool = Fal
         machine: Machine file in the place of the campaign's own.
         as_is: Do not look for mistakes in it.
         traces: Read the measurements.
+        empty: Allow a campaign that has no test yet.
 
     Raises:
         InputError: One of them cannot be read.
@@ -310,7 +313,7 @@ def campaign_and_machine(campaign: Path, machine: Path | None, as_is: bool = Fal
     from mjsim.campaign.files import read_campaign
     from mjsim.campaign.machine_file import machine_of
 
-    c = read_campaign(campaign, traces, as_is=as_is)
+    c = read_campaign(campaign, traces, as_is=as_is, empty=empty)
     return c, machine_of(c, machine)
 
 

@@ -96,6 +96,12 @@ _ANGLES = kept(
 @click.option(
     "--points", "as_points", is_flag=True, help="The files were measured at rest: a probed sphere, a laser, a level."
 )
+@click.option("--temperatures", "as_temperatures", is_flag=True, help="The file is the record of a temperature logger.")
+@click.option(
+    "--start",
+    metavar="TIME",
+    help="With --temperatures: date and time of 0 s of the campaign, as the file writes them.",
+)
 @common.sphere_option("With --points, for a new test: centre of the sphere, mm in the work frame.")
 @click.option(
     "--signal",
@@ -116,7 +122,21 @@ _ANGLES = kept(
 @click.option("--force", is_flag=True, help="Replace traces that are there.")
 @common.options
 def command(
-    files, campaign, as_log, as_points, sphere, signals, axes, controller, preview, no_check, show, force, **given
+    files,
+    campaign,
+    as_log,
+    as_points,
+    as_temperatures,
+    start,
+    sphere,
+    signals,
+    axes,
+    controller,
+    preview,
+    no_check,
+    show,
+    force,
+    **given,
 ) -> None:
     """Bring measurement FILES of other systems into a campaign.
 
@@ -141,6 +161,10 @@ def command(
     they have target and deviation or measured; or one row a target, and columns up_1, down_1, up_2 ... --signal names
     columns that the header does not.
 
+    With --temperatures, the file is the record of a temperature logger: dates and times, times of day, or seconds, and
+    a column for each sensor, in °C, °F or K. It becomes temperature.csv. --start says from which instant the campaign
+    counts.
+
     \b
     Example: mjsim import run1.csv --campaign my-machine --test circle-xy-ccw
              mjsim import a.csv=circle-xy-ccw b.csv=circle-xy-cw \\
@@ -148,6 +172,8 @@ def command(
              mjsim import run2.txt --campaign my-machine --angle 1
                  --deviation 2 --deviation-unit mm --plane YZ --direction CW
                  --feed 1000 --length 100 --table-ball 0 0 155 --preview
+             mjsim import logger.csv --campaign my-machine --temperatures
+                 --start "2026-03-02 08:00:00"
     """
     from mjsim.errors import InputError
     from mjsim.importing.b5r import looks_like_xml, read_recorded
@@ -178,6 +204,13 @@ def command(
         return
     if sphere:
         raise click.UsageError("--sphere needs --points")
+    if start is not None and not as_temperatures:
+        raise click.UsageError("--start needs --temperatures")
+    if as_temperatures:
+        if len(files) != 1 or name or keys:
+            raise click.UsageError("--temperatures takes one FILE, and no test")
+        _import_temperatures(campaign, files[0], start, options, force, preview)
+        return
     pairs = [_file_and_test(f) for f in files]
     other = list(dict.fromkeys(f for f, _ in pairs if looks_like_xml(f)))
     if name and any(test for _, test in pairs):
@@ -279,6 +312,24 @@ def _import_points(campaign: Path, pairs, signals, sphere, options, force, previ
         for line in data["first_rows"]:
             click.echo(f"  {line}")
         show_remarks(d.notes, d.questions)
+    if preview:
+        common.say("preview: nothing was written")
+
+
+def _import_temperatures(campaign: Path, source, start, options, force, preview) -> None:
+    """``mjsim import --temperatures``."""
+    from mjsim.importing.temperatures import import_temperatures
+
+    done = import_temperatures(campaign, source, start, options, force, preview)
+    data = done.to_json()
+    if common.answered({"campaign": str(campaign), "temperatures": data}):
+        return
+    common.paragraph(
+        f"{source.name} → {done.target}: {data['samples']} samples from {data['from_s']:g} to {data['to_s']:g} s"
+    )
+    rows = [[name, f"{low:.2f}", f"{high:.2f}"] for name, (low, high) in data["sensors_degC"].items()]
+    common.table(["sensor", "from °C", "to °C"], rows)
+    show_remarks(done.notes, ())
     if preview:
         common.say("preview: nothing was written")
 

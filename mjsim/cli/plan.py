@@ -8,6 +8,7 @@ import click
 
 from mjsim.cli import common
 from mjsim.digits import expanded
+from mjsim.importing.into_campaign import put_test, test_text
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.units import unit_of
 
@@ -46,8 +47,11 @@ _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
     "--points", type=click.IntRange(4, 500), metavar="N", help="Propose N positions at which to probe a sphere."
 )
 @click.option(
-    "--targets", metavar="AXIS", help="Propose targets of AXIS by ISO 230-2, over --range; --points says how many."
+    "--targets",
+    metavar="AXIS",
+    help="Propose targets of AXIS (XYZ: a diagonal) over --range; --points says how many.",
 )
+@click.option("--write", is_flag=True, help="With --points or --targets: put the table into campaign.toml.")
 @common.sphere_option("With --points: centre of the sphere, mm in the work frame.")
 @common.range_option("With --points or --targets: travel of an axis, degrees or mm.")
 @common.as_is_option
@@ -65,6 +69,7 @@ def command(
     between,
     points,
     targets,
+    write,
     sphere,
     ranges,
     threads,
@@ -87,7 +92,8 @@ def command(
     location errors of the rotary axes are known best.
 
     With --targets, the answer is a [[test]] with targets of one axis for a laser, a scale or a rotary calibrator: as
-    many as ISO 230-2 asks for, none in step with the screw or worm.
+    many as ISO 230-2 asks for, none in step with the screw or worm. Several letters, such as XYZ, are a diagonal.
+    --write puts the table into campaign.toml.
 
     \b
     Example: mjsim plan examples/two-candidates --between servo_gain.C servo_delay.C
@@ -115,13 +121,15 @@ def command(
         raise click.UsageError("--sphere needs --points, --range needs --points or --targets")
     if targets is not None and (sphere or between is not None):
         raise click.UsageError("--targets excludes --sphere and --between")
-    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is)
+    if write and points is None and targets is None:
+        raise click.UsageError("--write needs --points or --targets")
+    at_rest = points is not None or targets is not None
+    c, m = common.campaign_and_machine(campaign, machine, as_is=as_is, empty=at_rest)
     if targets is not None:
         from mjsim.commands.plan_at_rest import plan_targets
 
         aim = plan_targets(c, m, targets, {a: (low, high) for a, low, high in ranges}, points)
-        if not common.answered(aim.to_json()):
-            show_targets(aim, str(campaign))
+        _write_or_show(aim, campaign, write, show_targets)
         return
     if points is not None:
         from mjsim.commands.plan_at_rest import plan_points
@@ -131,8 +139,7 @@ def command(
             raise click.UsageError("--points and --between exclude each other")
         ends = {a: (low * DEG, high * DEG) for a, low, high in ranges}
         planned = plan_points(c, m, points, tuple(v * MM for v in sphere) if sphere else None, ends)
-        if not common.answered(planned.to_json()):
-            show_points(planned, str(campaign))
+        _write_or_show(planned, campaign, write, show_points)
         return
     with common.progress_bar() as progress:
         result = plan(c, m, between, common.cores(threads), progress)
@@ -157,6 +164,15 @@ def command(
         show_at_rest(data["at_rest"])
     else:
         show_measurement(result.to_json(), c)
+
+
+def _write_or_show(planned, campaign: Path, write: bool, show_planned) -> None:
+    """Puts planned positions into campaign.toml where that is asked for, and says what they bring."""
+    data = planned.to_json()
+    if write:
+        put_test(campaign, data["test"])
+    if not common.answered(data):
+        show_planned(planned, str(campaign), write)
 
 
 def _plan_new(machine, template_name, position_gain, minutes, instrument, out, threads) -> None:
@@ -251,7 +267,7 @@ def show(result, campaign) -> None:
     common.paragraph(data["reason"])
     speeds = ", ".join(f"{axis} {speed:.0f} {unit}" for axis, (speed, unit) in data["axis_speeds"].items())
     common.paragraph(f"Highest axis speeds: {speeds}.")
-    click.echo(f"\n{_toml(table_of(result.best.test))}\n")
+    click.echo(f"\n{test_text(table_of(result.best.test))}\n")
     rows = [data, *data["runners_up"]]
     common.table(
         ["test", "difference µm", "separation σ", "time min"],
@@ -334,7 +350,7 @@ def _show_test(data: dict, campaign) -> None:
     name, folder, at_rest = data["test"]["name"], campaign.folder, INSTRUMENTS[data["instrument"]].at_rest
     click.echo("\nNext:")
     click.echo(f"  1. Put this table into {folder}/campaign.toml:\n")
-    click.echo(_toml(data["test"]) + "\n")
+    click.echo(test_text(data["test"]) + "\n")
     if data["instrument"] not in campaign.instruments:
         common.paragraph(
             f"The campaign has no {_noun(data)} yet: call its tables [instrument.NAME], and add one with kind = "
@@ -391,7 +407,7 @@ def _effect(row: dict) -> str:
     return f"{size} RMS, {row['separation']:.0f} σ"
 
 
-def show_points(planned, campaign: str) -> None:
+def show_points(planned, campaign: str, written: bool = False) -> None:
     """Positions to probe as text: what they bring, the table, what to do next."""
     data = planned.to_json()
     common.paragraph(
@@ -403,13 +419,13 @@ def show_points(planned, campaign: str) -> None:
     _show_positions(
         data["test"],
         campaign,
-        f"{there}.",
+        "" if written else f"Put the table above into {campaign}/campaign.toml{there}.",
         "the positions as a table",
         "Probe the sphere at each of them; write dx_um, dy_um, dz_um beside it.",
     )
 
 
-def show_targets(planned, campaign: str) -> None:
+def show_targets(planned, campaign: str, written: bool = False) -> None:
     """Planned targets as text: what they bring, the table, what to do next."""
     data, channel = planned.to_json(), planned.test.channel
     common.paragraph(
@@ -417,10 +433,12 @@ def show_targets(planned, campaign: str) -> None:
         f"{planned.noise / channel.size:g} {channel.unit} for one reading, this will be known so (95 %):"
     )
     _show_known("error", data["known"])
+    line = "line_mm, where the beam runs" if "line_mm" in data["test"] else ""
+    put = "" if written else f"Put the table above into {campaign}/campaign.toml{line and f'; correct {line}'}."
     _show_positions(
         data["test"],
         campaign,
-        "; correct line_mm, where the beam runs." if "line_mm" in data["test"] else ".",
+        put or (line and f"Correct {line}, in {campaign}/campaign.toml."),
         "the targets in the order of measuring",
         "Measure. Overrun the first and the last target, so that each is approached from its side.",
     )
@@ -435,36 +453,26 @@ def _show_known(noun: str, known: list[dict]) -> None:
     common.table([noun, "unit", "today", "after"], rows, text=(0, 1, 2, 3))
 
 
-def _show_positions(test: dict, campaign: str, where: str, what: str, measure: str) -> None:
+def _show_positions(test: dict, campaign: str, first: str, what: str, measure: str) -> None:
     """The table of a planned test at rest, and what to do next.
 
     Args:
         test: The table.
         campaign: Folder of the campaign.
-        where: End of the sentence on where the table goes.
+        first: What is to be done with the table; empty where it is done.
         what: ``mjsim nc`` writes.
         measure: The sentence on how it is measured.
     """
-    click.echo(f"\n{_toml(test)}")
     name = test["name"]
-    common.next_steps(
-        f"Put the table above into {campaign}/campaign.toml{where}",
+    if first.startswith("Put"):
+        click.echo(f"\n{test_text(test)}")
+    else:
+        click.echo(f'\n[[test]] "{name}" is in {campaign}/campaign.toml.')
+    steps = (
+        first,
         f"mjsim nc {campaign} --test {name} -o {name}.csv   writes {what}.",
         measure,
         f"mjsim import FILE --campaign {campaign} --points --test {name}",
         f"mjsim diagnose {campaign}",
     )
-
-
-def _toml(test: dict) -> str:
-    """The table of a test for campaign.toml; lists of points in lines of eight."""
-    import tomlkit
-
-    lines = ["[[test]]"]
-    for key, value in test.items():
-        if isinstance(value, list) and value and isinstance(value[0], list):
-            rows = [str(value[i : i + 8])[1:-1] for i in range(0, len(value), 8)]
-            lines.append(f"{key} = [\n  " + ",\n  ".join(rows) + ",\n]")
-        else:
-            lines.append(tomlkit.dumps({key: value}).rstrip())
-    return "\n".join(lines)
+    common.next_steps(*(s for s in steps if s))

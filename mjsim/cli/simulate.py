@@ -33,12 +33,12 @@ def command(campaign, machine, names, out, no_plots, force, threads) -> None:
     from mjsim.simulation.multibody import simulate
 
     c, m = common.campaign_and_machine(campaign, machine, traces=False)
-    c = c.of("ball_bar")
-    known = [t.name for t in c.tests]
+    c = c.in_motion
+    known = list(dict.fromkeys(n for t in c.tests for n in (t.name, t.recording)))
     for name in names:
         if name not in known:
             raise InputError(f"{c.folder / 'campaign.toml'}: no test {name!r}; it has: {', '.join(known)}")
-    tests = [t for t in c.tests if not names or t.name in names]
+    tests = [t for t in c.tests if not names or t.name in names or t.recording in names]
     targets = [out / f"{t.name}.csv" for t in tests] + ([] if no_plots else [out / f"{t.name}.png" for t in tests])
     for file in targets:
         check_writable(file, force)
@@ -55,7 +55,7 @@ def command(campaign, machine, names, out, no_plots, force, threads) -> None:
     warnings = [
         w
         for s in results
-        for w in (*speed_warnings(s.test), range_warning(s.test, s.deviation, c.instrument.range))
+        for w in (*speed_warnings(s.test), range_warning(s.test, s.deviation, c.instruments[s.test.instrument].range))
         if w
     ]
     if common.answered(

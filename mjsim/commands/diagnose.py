@@ -40,6 +40,7 @@ from mjsim.machine.model import Machine, build
 from mjsim.progress import Progress, counted, silent
 from mjsim.simulation.multibody import Reading
 from mjsim.simulation.readings import readings_of
+from mjsim.simulation.stability import only_in_logs
 from mjsim.threads import one_blas_thread
 
 # -- which physical effects are missing from a machine's model, from ball-bar tests ------------------------------------
@@ -91,7 +92,9 @@ def _diagnose(
     hidden = not_testable(data, Projector(selection.start), selection.bank)
     selection.bank.forget()  # the simulations need the room
     vibrations = [_vibration(data, line) for line in separated.lines if is_news(line, machine)]
+    instrument_of = {t.name: t.instrument for t in campaign.measured}
     found = [*_found(data, selection), *sorted(vibrations, key=lambda e: -e.gain)]
+    found = [replace(e, found_by=instrument_of[e.tests[0]]) if e.tests else e for e in found]
     problem = data.restored()
 
     def simulated(m: Machine, described: str, begin: np.ndarray | None = None) -> BarComparison:
@@ -196,7 +199,7 @@ def diagnose_jointly(
         known = machine
         for e in logs.effects:
             known = known.with_effect(e.effect)
-        bar = diagnose_bars(bars, known, max_effects, threads, progress, settings)
+        bar = diagnose_bars(bars, simulated_in_motion(known), max_effects, threads, progress, settings)
         judged = judge.of(bar, {a: s.fit for a, s in logs.selections.items()})
         logs = judge.again(logs, judged)
     return _result(campaign, given, bar, judged, logs, threads, progress)
@@ -211,12 +214,12 @@ def _result(
     threads: int,
     progress: Progress,
 ) -> Diagnosis:
-    final = logs.machine
+    final, moving = logs.machine, simulated_in_motion(logs.machine)
     found = [_of_bar(e, judged, logs) for e in bar.effects]
     names = {e.effect.id for e in found}
     found += [replace(e, decided_by=e.found_by) for e in logs.effects if e.effect.id not in names]
     progress("simulating the machine that both instruments support", 0, 1)
-    after = compare_bars(campaign, final, threads, progress) if final != bar.machine else bar.after
+    after = compare_bars(campaign, moving, threads, progress) if moving != bar.machine else bar.after
     before = compare_logs(campaign, given.before.machine, threads, progress)
     verdict = verdict_of((bool(e.alternatives) or e.contradicted for e in found), bool(bar.unexplained))
     verdict = "unknown" if logs.rest else verdict
@@ -241,6 +244,20 @@ def _result(
     )
 
 
+def simulated_in_motion(machine: Machine) -> Machine:
+    """A machine without the effects that only the simulation of axis logs has, such as cogging or a torque limit: tests
+    in motion are simulated without them.
+    """
+    kept = replace(machine, effects=())
+    if any(map(only_in_logs, build(kept).axes.values())):  # its file says so: that is refused elsewhere
+        return machine
+    for e in machine.effects:
+        more = kept.with_effect(e)
+        if not any(map(only_in_logs, build(more).axes.values())):
+            kept = more
+    return kept
+
+
 def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> DiagnosedEffect:
     """A finding of the ball bar with what the logs say of it."""
     decision = judged.decisions.get(e.effect.id)
@@ -256,7 +273,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> Diagnosed
             ci = model.posterior.interval_of(effect.key)
     by_log = bool(excluded)
     support = judged.support.get(effect.id)
-    by = LogTest.instrument if by_log else BallBarTest.instrument
+    by = LogTest.instrument if by_log else e.found_by
     if not by_log and support is not None and support > LEAST:
         by = BOTH
     axis = logs.selections.get(effect.subject)
@@ -267,7 +284,7 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> Diagnosed
             effect, ci = now, {**ci, **mine}
             if support is not None and support > LEAST:
                 tests += [d.test.name for d in logs.after.tests if effect.subject in d.axes]
-    competitors = {} if decision is None else {BallBarTest.instrument: decision.bar, LogTest.instrument: decision.logs}
+    competitors = {} if decision is None else {e.found_by: decision.bar, LogTest.instrument: decision.logs}
     whole = None if e.probability is None else e.probability + sum(e.others.values())
     told = e.others if decision is None else {i.split("[")[0]: (whole or 0.0) * p for i, p in decision.told.items()}
     return replace(

@@ -22,7 +22,6 @@ from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.inference.shares import Calibration
 from mjsim.inference.unexplained import Unexplained
 from mjsim.instruments.axis_log.measurement import LogTest
-from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io import files
 from mjsim.io.extras import need
@@ -147,7 +146,7 @@ class Diagnosis:
 
     def of_bars(self) -> Diagnosis:
         """What concerns the ball-bar tests, whose causes the ladder has."""
-        found = tuple(e for e in self.effects if e.found_by == BallBarTest.instrument)
+        found = tuple(e for e in self.effects if INSTRUMENTS[e.found_by].in_motion)
         if found == self.effects:
             return self
         verdict = self.verdict if found else verdict_of((), self.unexplained is not None)

@@ -92,8 +92,9 @@ class DiagnosedEffect:
         """Which instrument decided, and how clearly; empty where there is one instrument only."""
         if not self.decided_by:
             return ""
-        bar, log = (f"the {INSTRUMENTS[n].noun}" for n in (BallBarTest.instrument, LogTest.instrument))
-        who = {BallBarTest.instrument: bar, LogTest.instrument: log, BOTH: f"{bar} and {log}"}[self.decided_by]
+        moving = self.found_by if INSTRUMENTS[self.found_by].in_motion else BallBarTest.instrument
+        bar, log = (f"the {INSTRUMENTS[n].noun}" for n in (moving, LogTest.instrument))
+        who = {moving: bar, LogTest.instrument: log, BOTH: f"{bar} and {log}"}[self.decided_by]
         if self.contradicted:
             return (
                 f"The {INSTRUMENTS[LogTest.instrument].noun} is explained better without it. One of the two "
@@ -101,9 +102,9 @@ class DiagnosedEffect:
             )
         if not self.worse:
             return f"Found by {who}."
-        bars, logs = (self.worse[n] for n in (BallBarTest.instrument, LogTest.instrument))
+        bars, logs = (self.worse[n] for n in (moving, LogTest.instrument))
         parts = [f"that of {i} differs by {-bars[i]:+.1f} in {bar} and by {-logs[i]:+.1f} in {log}" for i in logs]
-        said = f"Decided by {who}" if self.decided_by != BallBarTest.instrument else "Not decided"
+        said = f"Decided by {who}" if self.decided_by != moving else "Not decided"
         return (
             f"{said}, by log evidence: {', '.join(parts)}; {LEAST:g} together are odds of {math.exp(LEAST):.0f} to 1."
         )

@@ -25,7 +25,7 @@ from mjsim.inference.settings import PLAN, PlanSettings
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.instruments.positions.instrument import planned_test
+from mjsim.instruments.positions.instrument import planned_diagonal, planned_test
 from mjsim.instruments.positions.measurement import PositionTest
 from mjsim.instruments.sphere.measurement import SphereTest
 from mjsim.machine.model import Machine
@@ -205,35 +205,42 @@ def plan_targets(
     ends: dict[str, tuple[float, float]],
     count: int | None = None,
 ) -> PlannedPositions:
-    """Targets of one axis.
+    """Targets of one axis, or of a diagonal.
 
     Args:
         campaign: For which they are.
         machine: As given.
-        axis: Letter of the axis.
-        ends: Range of the test by letter of the axis, mm or degrees.
+        axis: Letter of the axis; of a diagonal the letters of all that move.
+        ends: Range of the test by letter of the axis, mm or degrees; of a diagonal its beginning and its end.
         count: How many; without it as few as the standard allows.
 
     Raises:
         InputError: The machine has no such axis, or nobody says its range.
     """
-    chain = machine.chain
-    for letter in (axis, *ends):
+    chain, names = machine.chain, {t.name for t in campaign.tests}
+    diagonal = len(axis) > 1 and chain.spatial and set(axis) <= set(chain.linear) and len(set(axis)) == len(axis)
+    for letter in (*(axis if diagonal else [axis]), *ends):
         if letter not in chain.letters:
-            raise InputError(f"axis {letter!r}; allowed: {', '.join(chain.letters)}")
-    names = {t.name for t in campaign.tests}
-    first = f"targets-{axis.lower()}"
+            more = f", or several of {', '.join(chain.linear)} for a diagonal" if chain.spatial else ""
+            raise InputError(f"axis {letter!r}; allowed: {', '.join(chain.letters)}{more}")
+        if letter in axis and letter not in ends:
+            if not chain.is_rotary(letter):
+                raise InputError(f"no range of {letter}; allowed: --range {letter} LOW HIGH, mm")
+            ends = {letter: (0.0, 360.0)}
+    first = f"{'diagonal' if diagonal else 'targets'}-{axis.lower()}"
     name = next(n for n in itertools.chain([first], (f"{first}-{i}" for i in itertools.count(2))) if n not in names)
-    unit = DEG if chain.is_rotary(axis) else MM
-    if axis not in ends:
-        if not chain.is_rotary(axis):
-            raise InputError(f"no range of {axis}; allowed: --range {axis} LOW HIGH, mm")
-        ends = {axis: (0.0, 360.0)}
-    low, high = ends[axis]
-    if not low < high:
-        raise InputError(f"range of {axis}: {low:g} to {high:g}; allowed: the lower end first")
-    period = 2.0 * math.pi / machine.drives[axis].gear
-    test = planned_test(name, axis, f"E{axis}{axis}", chain, (low * unit, high * unit), period, count)
+    periods = {a: 2.0 * math.pi / machine.drives[a].gear for a in axis}
+    for letter in axis:
+        low, high = ends[letter]
+        if low == high or (low > high and not diagonal):
+            allowed = "two ends that differ" if diagonal else "the lower end first"
+            raise InputError(f"range of {letter}: {low:g} to {high:g}; allowed: {allowed}")
+    if diagonal:
+        both = tuple((a, ends[a][0] * MM, ends[a][1] * MM) for a in axis)
+        test = planned_diagonal(name, both, chain, periods, count)
+    else:
+        low, high = (v * (DEG if chain.is_rotary(axis) else MM) for v in ends[axis])
+        test = planned_test(name, axis, f"E{axis}{axis}", chain, (low, high), periods[axis], count)
     problem, fit = _fit_of_class(campaign, machine, test)
     prior, after = fit.parameters.precision(), np.sqrt(np.diag(fit.covariance))
     known = []

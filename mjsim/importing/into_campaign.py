@@ -10,6 +10,7 @@ import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -127,6 +128,51 @@ def entry(file: Path, text: str, name: str, keys: dict, header: dict, source: Pa
     campaign = campaign_from(file, tomllib.loads(out), traces=False)
     test = next(t for t in campaign.tests if t.name == name)
     return Entry(test, _trace_file(file, test), added, table is None, out)
+
+
+def test_text(table: dict[str, Any]) -> str:
+    """The table of a test for campaign.toml; lists of points in lines of eight."""
+    lines = ["[[test]]"]
+    for key, value in table.items():
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            rows = [str(value[i : i + 8])[1:-1] for i in range(0, len(value), 8)]
+            lines.append(f"{key} = [\n  " + ",\n  ".join(rows) + ",\n]")
+        elif isinstance(value, dict):
+            inline = tomlkit.inline_table()
+            inline.update(value)
+            lines.append(f"{key} = {inline.as_string()}")
+        else:
+            lines.append(tomlkit.dumps({key: value}).rstrip())
+    return "\n".join(lines)
+
+
+def put_test(folder: Path, table: dict[str, Any]) -> Path:
+    """Write a planned test into campaign.toml, in the place of the table with its name, or behind all others.
+
+    Args:
+        folder: Of the campaign.
+        table: Of the test.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: The campaign cannot have this test, or has it with a trace.
+    """
+    file = campaign_file(folder)
+    text = read_text(file)
+    document = tomlkit.parse(text)
+    old = next((t for t in document.get("test", []) if t.get("name") == table["name"]), None)
+    if old is None:
+        out = f"{text.rstrip()}\n\n{test_text(table)}\n"
+    else:
+        made: Any = tomlkit.parse(test_text(table))["test"]
+        for key, value in made[0].items():
+            old[key] = value
+        out = f"{tomlkit.dumps(document).rstrip()}\n"
+    campaign_from(file, tomllib.loads(out), traces=False)
+    write_all({file: out}, force=True)
+    return file
 
 
 def _trace_file(file: Path, test: BallBarTest) -> Path:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
@@ -28,10 +28,10 @@ _LOOK = 400
 _RUN = 5
 _POINT = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _COMMA = re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-#: A date, or none, and a time of day to the second or finer.
+#: A date and a time of day, or a time of day to the second or finer.
 _STAMP = re.compile(
     r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)[T ]|(\d\d?)([./-])(\d\d?)[./-](\d{4})[ T])?\s*"
-    r"(\d\d?):(\d\d):(\d\d(?:[.,]\d+)?)\s*([AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?",
+    r"(\d\d?):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?",
     re.ASCII,
 )
 #: Day from which seconds are counted: a double keeps 0.1 µs of some decades.
@@ -54,6 +54,8 @@ class Table:
         lines: (n,) line numbers, from 1. header: lines above the table. notes: what was detected, for the user.
         channels: (k,) axis and signal of each column as its format states them, empty texts where it does not; nothing:
             the names have to tell.
+        began: by place of a column that held times of day: the first of them, s from midnight, or with a date s from
+            the first day of 2020.
     """
 
     path: Path
@@ -64,6 +66,7 @@ class Table:
     header: tuple[str, ...]
     notes: tuple[str, ...]
     channels: tuple[tuple[str, str], ...] = ()
+    began: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def columns(self) -> str:
@@ -135,7 +138,9 @@ def table_of(
     values, numbers = _numbers(path, body, begin, first, layout)
     header = lines[: first - 1 + begin]
     names, units = _names(header, layout.separator, layout.width)
+    began = {}
     for i in layout.stamps:
+        began[i] = float(next(iter(values[np.isfinite(values[:, i]), i]), np.nan))
         values[:, i] = _from_midnight_on(values[:, i])
         units[i] = "s"
         notes.append(f"column {i + 1} holds times of day: seconds since the first")
@@ -143,7 +148,6 @@ def table_of(
             names[i] = "time"
     words = [f'{i + 1} "{names[i]}"' if names[i] else str(i + 1) for i in sorted(layout.words)]
     notes += [f"left out, as text: column{'s' if len(words) > 1 else ''} {', '.join(words)}"] if words else []
-    # a separator at the ends of the lines makes an empty column
     keep = np.asarray(np.isfinite(values).any(axis=0), bool) | (
         len(values) == 0
     )  # a separator at the ends of the lines
@@ -152,7 +156,8 @@ def table_of(
     shown = next(k for k, v in SEPARATORS.items() if v == layout.separator)
     notes += [f"separator {shown}, decimal {'comma' if comma else 'point'}"] if wide or comma else []
     notes += [f"{len(header)} header line{'s' if len(header) > 1 else ''}"] if header else []
-    return Table(path, names, units, values[:, keep], numbers, tuple(header), tuple(notes))
+    began = {int(keep[:i].sum()): first for i, first in began.items()}
+    return Table(path, names, units, values[:, keep], numbers, tuple(header), tuple(notes), (), began)
 
 
 @dataclass
@@ -226,6 +231,8 @@ def seconds_of(cell: str) -> float | None:
     if match is None:
         return None
     year, month, day, first, sign, second, late, hour, minute, sec, half = match.groups()
+    if sec is None and year is None and first is None:  # 12:30 alone may be anything
+        return None
     if year is None and first is not None:  # 31.12.2024, but 12/31/2024
         year, month, day = (late, first, second) if sign == "/" and int(first) <= 12 else (late, second, first)
     try:
@@ -233,7 +240,7 @@ def seconds_of(cell: str) -> float | None:
     except ValueError:
         return None
     hours = int(hour) % 12 + 12 * (half.lower() == "pm") if half else int(hour)
-    return 86400.0 * days + 3600.0 * hours + 60.0 * int(minute) + float(sec.replace(",", "."))
+    return 86400.0 * days + 3600.0 * hours + 60.0 * int(minute) + float((sec or "0").replace(",", "."))
 
 
 def _from_midnight_on(seconds: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 from mjsim.instruments.schema import Table
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import Geometry
-from mjsim.units import UM
+from mjsim.units import DEG, MM, UM
 
 
 class Test(Protocol):
@@ -77,6 +77,13 @@ class Observation:
     time: np.ndarray
     value: np.ndarray
     valid: np.ndarray
+
+
+#: Way from which the last move to a place comes, m and rad: more than any play (the largest that is allowed, doubled).
+LEAD_LINEAR, LEAD_ROTARY = 2.0 * MM, 2.0 * DEG
+#: Repeated values from which the noise of an instrument at rest is called theirs; and as how many of them a statement
+#: of the user counts, and an assumption.
+FEWEST_REPEATS, STATED, ASSUMED_AS = 10, 10, 3
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.instruments.sphere.measurement import LEAD_ROTARY, SphereTest, sides_of_points
+from mjsim.instruments.base import LEAD_ROTARY
+from mjsim.instruments.sphere.measurement import SphereTest, sides_of_points
 from mjsim.nc.limits import Limits, check_travel, model_limits, scale
 from mjsim.nc.read import NCFile, parse_nc
 from mjsim.units import DEG, MM

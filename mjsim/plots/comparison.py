@@ -14,8 +14,7 @@ from mjsim.commands.axis_log.compare import ComparedAxis, ComparedLog
 from mjsim.commands.comparison import ComparedTest, Comparison
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS, Over
-from mjsim.instruments.sphere.instrument import sphere_columns
-from mjsim.instruments.sphere.measurement import SphereTest
+from mjsim.instruments.sphere.measurement import SphereTest, sphere_columns
 from mjsim.machine.chain import COORDINATES
 from mjsim.plots import style
 from mjsim.plots.output import bar_plot_files, bar_plots
@@ -115,7 +114,7 @@ def points_figure(t: Any) -> Figure:
     """
     test, points = t.test, t.recording
     places = points.position[:, test.chain.linear_columns] / MM
-    columns = sphere_columns(test, points).reshape(-1, 3)
+    columns = sphere_columns(test, points.position).reshape(-1, 3)
 
     def about(deviation: np.ndarray) -> np.ndarray:
         place = np.linalg.lstsq(columns, deviation.ravel(), rcond=None)[0]

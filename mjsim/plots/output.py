@@ -63,7 +63,7 @@ def simulation_summary(results: list[Simulation]) -> list[dict]:
         keep = _span(program, s.time)
         row = {"name": s.test.name, "duration_s": round(program.duration, 3)}
         try:
-            if kind_of(s.test).goes_round:
+            if kind_of(s.test).goes_round and not s.test.component:
                 row |= {
                     k: round(v, 4)
                     for k, v in asdict(circular_figures(s.phi[keep], s.deviation[keep])).items()

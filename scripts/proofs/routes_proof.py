@@ -5,11 +5,11 @@ Machines of the typical class come from the independent generator (``tests/indep
 has one fault of two to five limits. Each is measured in every way, and diagnosed by each route. Beside the intervals of
 mjsim stands what the cycles of controls compute from the same points by circles.
 
-    nice scripts/proofs/routes_proof.py run OUT.jsonl [--count 60] [--first 0] [--quick]
+    nice scripts/proofs/routes_proof.py run OUT.jsonl [--count 60] [--first 0] [--route probe]
     scripts/proofs/routes_proof.py page OUT.jsonl [--page docs/routes.md]
 
-The first appends a line a machine, and goes on where it stopped; with --quick without the ball bar, which takes longest
-and comes later by another run without it. The second prints the tables, and puts them into the page.
+The first appends a line a machine, and goes on where it stopped; with --route by some routes only, for the ball bar
+takes longest. The second prints the tables, and puts them into the page.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +61,9 @@ def answer(result, seconds: float) -> dict:
     return {"verdict": result.verdict, "found": found, "numbers": numbers(result), "seconds": round(seconds, 1)}
 
 
-def measured(seed: int, bars: bool) -> dict:
-    """One machine: what it has, and what the routes say that need a ball bar, or the others."""
+def measured(seed: int, wanted: Collection[str]) -> dict:
+    """One machine: what it has, and what each of the wanted routes says."""
+    bars = not {ROUTES[0], ROUTES[2]}.isdisjoint(wanted)
     with tempfile.TemporaryDirectory() as folder:
         made = routes.write(folder, seed, bool(seed % 2), "standard" if bars else "")
         campaign = read_campaign(folder)
@@ -75,15 +76,16 @@ def measured(seed: int, bars: bool) -> dict:
             begun = time.process_time()
 
         row = {"seed": seed, "fault": made["fault"], "truth": {}, "routes": said}
+        if ROUTES[1] in wanted:
+            points = diagnose(campaign.of("sphere"), machine)
+            keep(ROUTES[1], points)
+            row["circles"] = points.at_rest[0].classical
+        if ROUTES[3] in wanted:
+            keep(ROUTES[3], diagnose(campaign.of("sphere", "positions", "axis_log"), machine))
         if bars:
             found = diagnose(campaign.of("ball_bar"), machine)
             keep(ROUTES[0], found)
             keep(ROUTES[2], diagnose_at_rest(campaign.of("ball_bar", "sphere"), machine, beside=found))
-        else:
-            points = diagnose(campaign.of("sphere"), machine)
-            keep(ROUTES[1], points)
-            row["circles"] = points.at_rest[0].classical
-            keep(ROUTES[3], diagnose(campaign.of("sphere", "positions", "axis_log"), machine))
     for effect in made["effects"]:
         name, value = next((k, v) for k, v in effect.items() if k != "id")
         if name != "components":
@@ -91,14 +93,16 @@ def measured(seed: int, bars: bool) -> dict:
     return row
 
 
-def run(out: Path, first: int, count: int, quick: bool) -> None:
+def run(out: Path, first: int, count: int, wanted: Collection[str]) -> None:
     """Measures the machines that are not in the file yet."""
     done = rows_of(out)
-    for bars in (False,) if quick else (False, True):
+    for group in (ROUTES[1::2], ROUTES[0::2]):
         for seed in range(first, first + count):
-            if ROUTES[2 if bars else 3] in done.get(seed, {"routes": {}})["routes"]:
+            have = done.get(seed, {"routes": {}})["routes"]
+            missing = [r for r in group if r in wanted and r not in have]
+            if not missing:
                 continue
-            row = measured(seed, bars)
+            row = measured(seed, missing)
             with out.open("a") as file:
                 file.write(json.dumps(row) + "\n")
             said = ", ".join(f"{r} {a['verdict']}" for r, a in row["routes"].items())
@@ -129,12 +133,14 @@ def measured_by(rows: list[dict], route: str) -> list[dict]:
 
 
 def inside(rows: list[dict], route: str, names: tuple[str, ...]) -> str:
-    """How many of the numbers lie within their intervals, and the RMS of what they are off over its deviation."""
+    """How many of the numbers lie within their intervals, and the RMS of what they are off over its deviation: that of
+    the side on which the truth lies, because the interval of a play ends at 0.
+    """
     every = np.array([c for name in names for c in cases(rows, route, name)]).reshape(-1, 4)
     if not len(every):
         return "–"
     true, value, low, high = every.T
-    z = (value - true) / ((high - low) / 3.92)
+    z = 1.96 * (true - value) / np.where(true > value, high - value, value - low)
     share = float(np.mean((low <= true) & (true <= high)))
     return f"{100 * share:.1f} % of {len(every)}; {np.sqrt(np.mean(z**2)):.2f}"
 
@@ -188,14 +194,14 @@ def page(rows: list[dict]) -> str:
     for what, group in groups[1:]:
         counts = [Counter(row["routes"][r]["verdict"] for row in measured_by(group, r)) for r in ROUTES]
         body.append([what, *(", ".join(f"{v} {n}".replace("_", " ") for v, n in c.most_common()) for c in counts)])
-    pace = [[row["routes"][r]["seconds"] for row in measured_by(rows, r)] for r in ROUTES]
+    pace = [[s for row in measured_by(rows, r) if (s := row["routes"][r]["seconds"])] for r in ROUTES]
     out += table(["", *ROUTES], [*body, ["seconds", *(f"{np.median(p):.0f}" if p else "–" for p in pace)]])
     return "\n".join(out).strip() + "\n"
 
 
 def _beside(rows: list[dict], name: str, unit: str) -> list[str]:
     """Mean and scatter of the errors by circles and by two routes."""
-    off = [np.array([r["circles"][name] - r["truth"][name] for r in rows if name in r["circles"]])]
+    off = [np.array([r["circles"][name] - r["truth"][name] for r in rows if name in r.get("circles", {})])]
     off += [np.array([value - true for true, value, _, _ in cases(rows, route, name)]) for route in ROUTES[1:3]]
     cells = [f"{o.mean():+.1f}, {o.std():.1f}" if len(o) else "–" for o in off]
     return [f"{name.partition('.')[2]}, {unit}", *cells]
@@ -240,12 +246,12 @@ def main() -> None:
         if name == "run":
             one.add_argument("--count", type=int, default=60)
             one.add_argument("--first", type=int, default=0)
-            one.add_argument("--quick", action="store_true")
+            one.add_argument("--route", choices=ROUTES, action="append", help="only this one, or these (default: all)")
         else:
             one.add_argument("--page", type=Path)
     args = parser.parse_args()
     if args.command == "run":
-        run(args.out, args.first, args.count, args.quick)
+        run(args.out, args.first, args.count, args.route or ROUTES)
         return
     text = page(list(rows_of(args.out).values()))
     print(text)

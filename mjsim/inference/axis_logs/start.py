@@ -55,11 +55,17 @@ def start_model(
     axis = data[0].axis
     machine = sampled_as_read(machine, axis, gains)
     sheet = {e.label: e for e in sheet_entries(machine, data)}
-    sheet |= {e.label: e for e in shared if e.owner != DRIVE or e.label in sheet}
-    sheet = [_read_back(e, gains) for e in sheet.values()]
+    for e in shared:
+        if (
+            own := sheet.get(e.label)
+        ) is not None:  # another instrument moves no number farther than a cause of its own
+            sheet[e.label] = replace(e, lower=max(e.lower, own.lower), upper=min(e.upper, own.upper))
+        elif e.owner != DRIVE:
+            sheet[e.label] = e
+    read_back = [_read_back(e, gains) for e in sheet.values()]
     together = {g.controller for g in gains if g.explained > _SAME_SAMPLE}
     nuisances = [_in_step(e, data, together) for e in nuisance_entries(machine, data)]
-    return AxisModel(machine, axis, (*sheet, *nuisances))
+    return AxisModel(machine, axis, (*read_back, *nuisances))
 
 
 def _in_step(entry: Entry, data: Sequence[AxisData], together: set[str | None]) -> Entry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
@@ -119,8 +120,7 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
     ends = _ends(place, t, chain)
     if not ends and t.axis not in chain.letters:
         raise InputError(f"{place}: axis = {shown(t.axis)}; allowed: {', '.join(chain.letters)}")
-    along = "D" + "".join(a if last > first else f"{a}-" for a, first, last in ends)
-    components = (along,) if ends else components_of(chain, t.axis)
+    components = (along(ends),) if ends else components_of(chain, t.axis)
     component = t.component or components[0]
     if component not in components:
         raise InputError(f"{place}: component = {shown(component)}; allowed for {t.axis}: {', '.join(components)}")
@@ -151,6 +151,11 @@ def position_test(file: Path, t: PositionTable, chain: Chain) -> PositionTest:
         t.started_s,
         ends,
     )
+
+
+def along(ends: tuple[tuple[str, float, float], ...]) -> str:
+    """What is measured of a diagonal: ``D`` and its axes, with a minus behind those that go down."""
+    return "D" + "".join(a if last > first else f"{a}-" for a, first, last in ends)
 
 
 def _ends(place: str, t: PositionTable, chain: Chain) -> tuple[tuple[str, float, float], ...]:
@@ -344,14 +349,40 @@ def planned_test(
         line: Where the moving optics is while all axes are at 0, (3,) m.
     """
     test = PositionTest(name, axis, component, (line[0], line[1], line[2]), setup=name, chain=chain)
+    return _with_targets(test, ends, count, period)
+
+
+def planned_diagonal(
+    name: str,
+    ends: tuple[tuple[str, float, float], ...],
+    chain: Chain,
+    periods: Mapping[str, float],
+    count: int | None = None,
+) -> PositionTest:
+    """A test along a diagonal with its targets, as many as of an axis of its length.
+
+    Args:
+        name: Of the test.
+        ends: Letter of every axis that moves, where it is at the beginning, and where at the end, m.
+        chain: Axes of the machine.
+        periods: Of each axis' periodic error, m or rad.
+        count: Of the targets; without it as few as the standard allows.
+    """
+    letters = "".join(a for a, _, _ in ends)
+    test = PositionTest(name, letters, along(ends), setup=name, chain=chain, ends=ends)
+    longest = max(periods[a] / abs(float(test.way[chain.index(a)])) for a in letters)  # along the line
+    return _with_targets(test, (0.0, test.length), count, longest)
+
+
+def _with_targets(test: PositionTest, ends: tuple[float, float], count: int | None, period: float) -> PositionTest:
     count = count or fewest_targets(test.rotary, ends[1] - ends[0])
     targets = np.round(targets_over(*ends, count, period) / test.unit, _DIGITS) * test.unit
     return replace(test, targets=tuple(float(v) for v in targets))
 
 
 def proposals(chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
-    """Tests over the usual travel: positioning along three lines, straightness and angles of linear axes; positioning
-    of rotary axes.
+    """Tests over the usual travel: positioning along three lines, straightness and angles of linear axes; face and body
+    diagonals; positioning of rotary axes.
 
     Args:
         chain: Axes of the machine.
@@ -368,6 +399,15 @@ def proposals(chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
         for suffix, line in lines.items():
             out.append(planned_test(f"laser-{a.lower()}{suffix}", a, first, chain, ends, periods[a], line=line))
         out += [planned_test(c.lower(), a, c, chain, ends, periods[a]) for c in others]
+    for count in range(2, len(chain.linear) + 1) if chain.spatial else ():
+        for letters in itertools.combinations(chain.linear, count):
+            for down in itertools.product((False, True), repeat=count - 1):  # the first axis goes up
+                turned = tuple(
+                    (a, float(travel[a][int(d)]), float(travel[a][1 - d]))
+                    for a, d in zip(letters, (False, *down), strict=True)
+                )
+                name = "diagonal-" + along(turned)[1:].lower().replace("-", "m")
+                out.append(planned_diagonal(name, turned, chain, periods))
     for a in chain.rotary:
         whole = a in chain.round_axes
         ends = (0.0, 2.0 * math.pi) if whole else (float(travel[a][0]), float(travel[a][1]))
@@ -725,15 +765,20 @@ class Positions(Instrument[PositionTest, Readings]):
         return tuple(deviation_columns(test))[:1]
 
     def planned_text(self, test: PositionTest) -> str:
-        """A trace without what is to be found."""
+        """A trace without what is to be found; along a diagonal with the positions of the axes."""
         if not test.targets:
             return ""
-        rows = [line.split(",") for line in trace_text(test, test.planned).splitlines()]
-        return "\n".join([*(",".join(r[:3]) for r in rows), ""])
+        head, *rows = [line.split(",")[:3] for line in trace_text(test, test.planned).splitlines()]
+        for letter, first, _ in test.ends:
+            way = test.way[test.chain.index(letter)]
+            head.append(f"{letter}_mm")
+            for row, target in zip(rows, test.planned.target, strict=True):
+                row.append(f"{(first + way * target) / MM:.4f}")
+        return "\n".join([*(",".join(r) for r in (head, *rows)), ""])
 
     def proposals(self, chain: Chain, periods: Mapping[str, float]) -> list[PositionTest]:
-        """Of each linear axis its position along three lines, its straightness and its angles; of each rotary axis its
-        position.
+        """Of each linear axis its position along three lines, its straightness and its angles; diagonals; of each
+        rotary axis its position.
         """
         return proposals(chain, periods)
 

@@ -10,20 +10,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from mjsim.instruments.base import Channel, Stops
+from mjsim.instruments.base import ASSUMED_AS, FEWEST_REPEATS, LEAD_LINEAR, LEAD_ROTARY, STATED, Channel, Stops
 from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
 from mjsim.units import DEG, MM, UM
 
-#: Way from which the last move to a target comes, m and rad: more than any play (the largest that is allowed, doubled).
-LEAD_LINEAR, LEAD_ROTARY = 2.0 * MM, 2.0 * DEG
 #: Clock of a reading where none was recorded: a reading takes so long, s (assumed; only plots show it).
 READING_TIME = 10.0
 #: Reading where nobody states how well it repeats, m and rad: an axis under a laser or a level (assumed).
 ASSUMED_LENGTH, ASSUMED_ANGLE = 0.5 * UM, 2e-6
-#: A statement counts as much as so many repeated readings, an assumption as much as so many.
-_STATED, _ASSUMED = 10, 3
-#: Repeated readings from which the noise is called theirs.
-FEWEST_REPEATS = 10
 LENGTH = Channel()
 ANGLE = Channel(unit="µrad", size=1e-6, suffix="urad")
 
@@ -210,8 +204,8 @@ class Reader:
         """
         stated = self.angle_repeatability if test.angular else self.repeatability
         if stated is not None:
-            return stated, _STATED
-        return (ASSUMED_ANGLE if test.angular else ASSUMED_LENGTH), _ASSUMED
+            return stated, STATED
+        return (ASSUMED_ANGLE if test.angular else ASSUMED_LENGTH), ASSUMED_AS
 
     def noise(self, test: PositionTest, readings: Readings) -> float:
         """Standard deviation of one reading of a test, m or rad: of repeated readings, pooled with what is stated."""

@@ -19,7 +19,7 @@ from mjsim.instruments.ball_bar.span import explain
 from mjsim.instruments.base import Instrument, Mistake, Observation, register
 from mjsim.instruments.r_test.measurement import Nest, NestTrace, SphereReading
 from mjsim.instruments.schema import Length, OwnLength, one_of
-from mjsim.instruments.sphere.instrument import DEVIATIONS
+from mjsim.instruments.sphere.instrument import DEVIATIONS, OFF
 from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, sides_of
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.io.inputs import check_columns, csv_table, need_columns
@@ -34,7 +34,7 @@ _FEWEST = 50
 #: Names of what it reads.
 _READ = tuple(f"d{c.lower()}" for c in COORDINATES)
 #: Words of headers of other systems before or behind the letter of a coordinate, lower case.
-_OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung", "sensor", "")
+_OFF = (*OFF, "sensor", "")
 
 
 class RTestTable(MotionTable):

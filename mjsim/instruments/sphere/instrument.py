@@ -13,7 +13,16 @@ from pydantic import AfterValidator, Field
 from mjsim.errors import InputError
 from mjsim.instruments.base import Channel, Instrument, Mistake, Nuisances, Observation, Stops, register
 from mjsim.instruments.schema import Clock, Length, Number, OwnLength, Table, printable
-from mjsim.instruments.sphere.measurement import POINT_TIME, Points, Probe, SphereTest, sides_of, stops_of
+from mjsim.instruments.sphere.measurement import (
+    POINT_TIME,
+    Points,
+    Probe,
+    SphereTest,
+    probe_columns,
+    sides_of,
+    sphere_columns,
+    stops_of,
+)
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
 from mjsim.io.inputs import check_columns, csv_table, need_columns
 from mjsim.io.times import check_growing
@@ -29,9 +38,12 @@ FEWEST = 3
 DEVIATIONS = tuple(f"d{c.lower()}_um" for c in COORDINATES)
 #: Words of headers of other systems for what was found, before or behind the letter of a coordinate, lower case.
 _FOUND = ("measured", "meas", "actual", "act", "ist", "centre", "center", "m")
-_OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung")
+OFF = ("d", "delta", "δ", "dev", "deviation", "diff", "error", "err", "abw", "abweichung")
 #: The same for what was commanded.
 _NOMINAL = ("nominal", "nom", "soll", "command", "cmd")
+_WORDS = {"spindle": "spindle", "spindel": "spindle", "run": "run", "lauf": "run", "time": "time", "zeit": "time"}
+#: Angles of a file that are those of a plan, rad.
+_SAME = 0.1 * DEG
 #: Columns that a file may have besides those of axes, deviations and sides.
 MORE = ("time_s", "run", "spindle_deg")
 
@@ -401,13 +413,13 @@ class SphereProbe(Instrument[SphereTest, Points]):
             if header.strip().lower() == f"from_{a.lower()}":
                 return f"from_{a}"
         word = word.replace(" ", "_").strip("_")
-        if word in ("spindle", "run", "time"):
-            return word
+        if own := _WORDS.get(word):
+            return own
         if word.upper() in chain.letters:
             return word.upper()
         for c in (c.lower() for c in COORDINATES):
             parts = word.replace(c, "_", 1).strip("_") if word.count(c) == 1 else ""
-            if c in word and parts in _OFF:
+            if c in word and parts in OFF:
                 return f"d{c}"
             if c in word and parts in _FOUND:
                 return f"{c}_measured"
@@ -424,9 +436,20 @@ class SphereProbe(Instrument[SphereTest, Points]):
         return missing
 
     def from_columns(self, source: Path, test: SphereTest, columns: dict[str, np.ndarray]) -> tuple[Points, list[str]]:
-        """Linear positions that the table lacks are those of an ideal machine."""
+        """Linear positions that the table lacks are those of an ideal machine. Sides and angles of the spindle that it
+        lacks are those of the plan, where it has the positions of the plan.
+        """
         chain, notes, si = test.chain, [], dict(columns)
-        centred = test.centred(np.column_stack([si[a] for a in chain.rotary]))
+        angles = np.column_stack([si[a] for a in chain.rotary])
+        centred, plan = test.centred(angles), test.planned
+        if len(plan.position) == len(angles) and np.allclose(
+            plan.position[:, chain.rotary_columns], angles, atol=_SAME
+        ):
+            known = {f"from_{a}": side for a, side in zip(chain.rotary, plan.side.T, strict=True)}
+            known["spindle"] = plan.spindle
+            if lacking := [n for n in known if n not in si]:
+                notes.append(f"no column for {', '.join(lacking)}: as planned, for the positions are those of the plan")
+                si |= {n: known[n] for n in lacking}
         if lacking := [a for a in chain.linear if a not in si]:
             notes.append(f"no column for {', '.join(lacking)}: where the tool of an ideal machine is in the sphere")
         for i, a in enumerate(chain.linear):
@@ -498,7 +521,9 @@ class SphereProbe(Instrument[SphereTest, Points]):
         return -bar_vector(test.chain, position, np.array(test.sphere), geometry)
 
     def nuisances_of(self, test: SphereTest, recording: Points, time: np.ndarray, data: Probe) -> Nuisances:
-        columns = np.concatenate([sphere_columns(test, recording), probe_columns(test, recording)], axis=2) * UM
+        columns = (
+            np.concatenate([sphere_columns(test, recording.position), probe_columns(test, recording)], axis=2) * UM
+        )
         spread = np.array([SPHERE] * 3 + [data.offset] * 3 + [LOBES] * 2) / UM
         return Nuisances((*SPHERE_NAMES, *PROBE_NAMES), columns, spread, PROBE_NAMES)
 
@@ -509,7 +534,7 @@ class SphereProbe(Instrument[SphereTest, Points]):
         self, test: SphereTest, recording: Points, time: np.ndarray, reading: np.ndarray
     ) -> dict[str, float]:
         """Range per direction about the sphere's place (ISO 10791-6), and centre and direction of every rotary axis."""
-        columns = sphere_columns(test, recording).reshape(-1, 3)
+        columns = sphere_columns(test, recording.position).reshape(-1, 3)
         rest = reading - (columns @ np.linalg.lstsq(columns, reading.ravel(), rcond=None)[0]).reshape(-1, 3)
         out = {f"range_{c}_um": float(np.ptp(r)) / UM for c, r in zip(_LOWER, rest.T, strict=True)}
         for circle in circles_of(test, recording, reading):
@@ -523,31 +548,3 @@ class SphereProbe(Instrument[SphereTest, Points]):
 
     def mistakes(self, tests: Sequence[SphereTest], recordings: dict[str, Points], data: Probe) -> list[Mistake]:
         return sphere_mistakes(tests, recordings, data)
-
-
-def sphere_columns(test: SphereTest, points: Points) -> np.ndarray:
-    """Derivatives of the deviations by the place of the sphere in the work frame, (n, 3, 3)."""
-    ball, h = np.array(test.sphere), 1e-3
-    at = bar_vector(test.chain, points.position, ball)
-    return np.stack([(at - bar_vector(test.chain, points.position, ball + h * e)) / h for e in np.eye(3)], axis=2)
-
-
-def probe_columns(test: SphereTest, points: Points) -> np.ndarray:
-    """Derivatives of the deviations by the place of the probe's tip in the spindle and by a three-lobed pre-travel,
-    (n, 3, 5).
-
-    A tip that is displaced by a vector finds the centre displaced by minus that. Pre-travel with three lobes displaces
-    the centre from four touches along the machine's axes by (cos, sin) of (phase − 3 spindle angle).
-    """
-    chain, n = test.chain, len(points.position)
-    c, s = np.cos(points.spindle), np.sin(points.spindle)
-    zero, one = np.zeros(n), np.ones(n)
-    vectors = [[c, s, zero], [-s, c, zero], [zero, zero, one]]
-    c, s = np.cos(3.0 * points.spindle), np.sin(3.0 * points.spindle)
-    vectors += [[-c, s, zero], [-s, -c, zero]]
-    out = []
-    for vector in vectors:
-        for axis in chain.swivelling:
-            vector = turn_about(axis, vector, points.position[:, chain.index(axis.letter)])
-        out.append(-np.column_stack(vector))
-    return np.stack(out, axis=2)

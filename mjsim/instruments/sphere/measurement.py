@@ -10,13 +10,11 @@ from typing import ClassVar
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.instruments.base import Stops
+from mjsim.instruments.base import ASSUMED_AS, FEWEST_REPEATS, LEAD_LINEAR, LEAD_ROTARY, STATED, Stops
 from mjsim.machine.chain import COORDINATES, FIVE_AXIS, Chain
-from mjsim.machine.kinematics import bar_vector
-from mjsim.units import DEG, MM, UM
+from mjsim.machine.kinematics import bar_vector, turn_about
+from mjsim.units import UM
 
-#: Way from which the last move to a point comes, m and rad: more than any play (the largest that is allowed, doubled).
-LEAD_LINEAR, LEAD_ROTARY = 2.0 * MM, 2.0 * DEG
 #: Clock of a point where none was recorded: a point takes so long, s (assumed; only plots show it).
 POINT_TIME = 30.0
 
@@ -148,15 +146,13 @@ class Probe:
         Few repeats are pooled with the statement, which counts as much as 10 of them.
         """
         known = ASSUMED if self.repeatability is None else self.repeatability
-        weight = 3 if self.repeatability is None else 10
+        weight = ASSUMED_AS if self.repeatability is None else STATED
         squares, freedom = self.found
         return float(np.sqrt((squares + weight * known**2) / (freedom + weight)))
 
 
 #: Repeatability where nobody states one, m: a strain-gauge or kinematic touch probe and the axes under it (assumed).
 ASSUMED = 1.0 * UM
-#: Repeated values from which the noise is called theirs.
-FEWEST_REPEATS = 10
 
 
 def stops_of(test: SphereTest, points: Points) -> Stops:
@@ -182,6 +178,34 @@ def stops_of(test: SphereTest, points: Points) -> Stops:
         route.append(both)
         clock.append(np.repeat(points.time if points.timed else np.zeros(n), 2))
     return Stops(np.vstack(route), test.started + np.concatenate(clock), np.stack(at, axis=1), away)
+
+
+def sphere_columns(test: SphereTest, position: np.ndarray) -> np.ndarray:
+    """Derivatives of the deviations by the place of the sphere in the work frame, (n, 3, 3)."""
+    ball, h = np.array(test.sphere), 1e-3
+    at = bar_vector(test.chain, position, ball)
+    return np.stack([(at - bar_vector(test.chain, position, ball + h * e)) / h for e in np.eye(3)], axis=2)
+
+
+def probe_columns(test: SphereTest, points: Points) -> np.ndarray:
+    """Derivatives of the deviations by the place of the probe's tip in the spindle and by a three-lobed pre-travel,
+    (n, 3, 5).
+
+    A tip that is displaced by a vector finds the centre displaced by minus that. Pre-travel with three lobes displaces
+    the centre from four touches along the machine's axes by (cos, sin) of (phase − 3 spindle angle).
+    """
+    chain, n = test.chain, len(points.position)
+    c, s = np.cos(points.spindle), np.sin(points.spindle)
+    zero, one = np.zeros(n), np.ones(n)
+    vectors = [[c, s, zero], [-s, c, zero], [zero, zero, one]]
+    c, s = np.cos(3.0 * points.spindle), np.sin(3.0 * points.spindle)
+    vectors += [[-c, s, zero], [-s, -c, zero]]
+    out = []
+    for vector in vectors:
+        for axis in chain.swivelling:
+            vector = turn_about(axis, vector, points.position[:, chain.index(axis.letter)])
+        out.append(-np.column_stack(vector))
+    return np.stack(out, axis=2)
 
 
 def sides_of(angles: np.ndarray) -> np.ndarray:

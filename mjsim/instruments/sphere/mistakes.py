@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mjsim.instruments.base import Mistake
-from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest
+from mjsim.instruments.sphere.measurement import Points, Probe, SphereTest, probe_columns, sphere_columns
 from mjsim.machine.chain import COORDINATES, SENSES, Chain, chain_of
 from mjsim.machine.kinematics import Geometry, bar_vector
 from mjsim.units import DEG, MM, UM
@@ -26,18 +26,22 @@ _SHARE = 0.2
 _POOR = 6.0
 #: Sizes of errors that deviations of a real machine may be made of: sphere (m), location (m and rad), squareness (rad).
 _SPHERE, _SHIFT, _TILT, _SQUARE = 1e-3, 50e-6, 200e-6, 200e-6
-#: Deviations that no unit but a wrong one makes, m: beyond any machine.
-_HUGE = 5.0 * MM
-#: A sphere farther from its nominal place than so many standard deviations, m, is somewhere else.
+#: A sphere farther from its nominal place, m, is somewhere else: four standard deviations.
 _FAR = 4.0 * MM
+#: A probe that is longer or shorter by more standard deviations of its offset was not measured.
+_LONG = 10.0
+#: Another reading of a file: what would have to be corrected, the test, and the positions, (n, axes) m and rad.
+Reading = tuple[str, SphereTest, np.ndarray]
 
 
 def sphere_mistakes(tests: Sequence[SphereTest], recordings: dict[str, Points], probe: Probe) -> list[Mistake]:
     """Mistakes of all tests, the positions' first."""
     out = []
     for t in tests:
-        found = _position_mistake(t, recordings[t.name]) or _size_mistake(t, recordings[t.name], probe)
-        found = found or _deviation_mistake(t, recordings[t.name], probe)
+        points = recordings[t.name]
+        found = _position_mistake(t, points.position, _NEAR, "in these positions the tool of an ideal machine is")
+        found = found or _size_mistake(t, points, probe) or _centre_mistake(t, points)
+        found = found or _deviation_mistake(t, points, probe) or _length_mistake(t, points, probe)
         if found:
             out.append(found)
     return out
@@ -49,25 +53,46 @@ def _off(test: SphereTest, position: np.ndarray) -> float:
     return float(np.sqrt((away**2).sum(axis=1).mean()))
 
 
-def _position_mistake(test: SphereTest, points: Points) -> Mistake | None:
-    """Axes that are not where the sphere is."""
-    off = _off(test, points.position)
-    if off < _NEAR:
+def _position_mistake(
+    test: SphereTest, q: np.ndarray, near: float, what: str, more: Sequence[Reading] = ()
+) -> Mistake | None:
+    """Axes that are not where the sphere is.
+
+    Args:
+        test: The test.
+        q: Where the axes are, (n, axes) m and rad.
+        near: How far off they may be, RMS m.
+        what: The beginning of a sentence that the distance goes on.
+        more: Other readings of the file, beside those that the positions have.
+    """
+    off = _off(test, q)
+    if off < near:
         return None
-    best, sentence = off, ""
-    for words, changed, position in _other_positions(test, points.position):
-        left = _off(changed, position)
-        if left < best:
-            best, sentence = left, words
-    said = f"{test.name}: in these positions the tool of an ideal machine is {off / MM:.3g} mm (RMS) from the sphere"
-    if sentence and best < max(_NEAR, _SHARE * off):
-        return Mistake("positions", (test.name,), f"{said}; {best / MM:.2g} mm are left if {sentence}")
-    more = " or tool_length_mm" if test.chain.swivelling else ""
-    return Mistake("positions", (test.name,), f"{said}; correct sphere_mm{more}, or the columns of the axes")
+    said = f"{test.name}: {what} {off / MM:.3g} mm (RMS) from the sphere"
+    # a mistake in the file comes before numbers that are fitted, which have to fit well
+    groups = ((_other_positions(test, q), max(near, _SHARE * off)), (_other_numbers(test, q), near), (more, near))
+    for readings, enough in groups:
+        found = [(_off(changed, p), words) for words, changed, p in readings]
+        left, sentence = min(found, default=(off, ""))
+        if left < enough:
+            return Mistake("positions", (test.name,), f"{said}; {left / MM:.2g} mm are left if {sentence}")
+    length = " or tool_length_mm" if test.chain.swivelling else ""
+    return Mistake("positions", (test.name,), f"{said}; correct sphere_mm{length}, or the columns of the axes")
 
 
-def _other_positions(test: SphereTest, q: np.ndarray) -> Iterator[tuple[str, SphereTest, np.ndarray]]:
-    """Other readings of the columns of axes: what would have to be corrected, the test, and the positions."""
+def _centre_mistake(test: SphereTest, points: Points) -> Mistake | None:
+    """Measured centres that are not where the sphere is: what is wrong with their columns, or with the angles."""
+    if test.chain.carried:  # deviations are no differences of axis positions
+        return None
+    found, smaller = points.position.copy(), points.position.copy()
+    found[:, test.chain.linear_columns] += points.deviation
+    smaller[:, test.chain.linear_columns] += 1e-3 * points.deviation
+    unit = "the deviations are in nm; write them in µm", test, smaller
+    return _position_mistake(test, found, _FAR, "the measured centres are", [unit])
+
+
+def _other_positions(test: SphereTest, q: np.ndarray) -> Iterator[Reading]:
+    """Other readings of the columns of axes."""
     chain = test.chain
     letters = chain.letters
     for i in range(chain.count):
@@ -90,21 +115,13 @@ def _other_positions(test: SphereTest, q: np.ndarray) -> Iterator[tuple[str, Sph
     scaled = q.copy()
     scaled[:, chain.rotary_columns] /= DEG
     yield "the rotary axes are in rad; write them in degrees", test, scaled
-    away = bar_vector(chain, q, np.array(test.sphere))
-    yield from _with_offset(test, q, away)
-    if chain.swivelling:
-        longer = _with_tool(chain, chain.tool_length + 0.05)
-        change = (bar_vector(longer, q, np.array(test.sphere)) - away) / 0.05
-        length = chain.tool_length - float((away * change).sum() / max(float((change**2).sum()), 1e-12))
-        if length > 0.0:
-            other = replace(test, chain=_with_tool(chain, length))
-            yield f"the tool is {length / MM:.1f} mm long; correct tool_length_mm", other, q
 
 
-def _with_offset(test: SphereTest, q: np.ndarray, away: np.ndarray) -> Iterator[tuple[str, SphereTest, np.ndarray]]:
-    """The sphere somewhere else on the table, and positions without the tool's length."""
+def _other_numbers(test: SphereTest, q: np.ndarray) -> Iterator[Reading]:
+    """The sphere somewhere else on the table, positions without the tool's length, and another length."""
     chain = test.chain
-    x = np.linalg.lstsq(_sphere_columns(test, q), away.ravel(), rcond=None)[0]
+    away = bar_vector(chain, q, np.array(test.sphere))
+    x = np.linalg.lstsq(sphere_columns(test, q).reshape(-1, 3), away.ravel(), rcond=None)[0]
     moved = replace(test, sphere=tuple(float(v) for v in np.array(test.sphere) + x))
     place = ", ".join(f"{v / MM:.1f}" for v in moved.sphere)
     yield f"the sphere is at [{place}] mm; correct sphere_mm", moved, q
@@ -118,13 +135,13 @@ def _with_offset(test: SphereTest, q: np.ndarray, away: np.ndarray) -> Iterator[
         test,
         last,
     )
-
-
-def _sphere_columns(test: SphereTest, q: np.ndarray) -> np.ndarray:
-    """Derivatives of the deviations by the place of the sphere, (3n, 3)."""
-    h, ball = 1e-3, np.array(test.sphere)
-    at = bar_vector(test.chain, q, ball)
-    return np.stack([(at - bar_vector(test.chain, q, ball + h * e)) / h for e in np.eye(3)], axis=2).reshape(-1, 3)
+    if chain.swivelling:
+        longer = _with_tool(chain, chain.tool_length + 0.05)
+        change = (bar_vector(longer, q, np.array(test.sphere)) - away) / 0.05
+        length = chain.tool_length - float((away * change).sum() / max(float((change**2).sum()), 1e-12))
+        if length > 0.0:
+            other = replace(test, chain=_with_tool(chain, length))
+            yield f"the tool is {length / MM:.1f} mm long; correct tool_length_mm", other, q
 
 
 def _with_tool(chain: Chain, length: float) -> Chain:
@@ -138,15 +155,6 @@ def _size_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistake | N
     if spread < probe.noise:
         sentence = f"{said}, and change by less than one probed centre repeats; write them in µm, not in mm"
         return Mistake("unit", (test.name,), sentence)
-    columns = _sphere_columns(test, points.position)
-    away = np.linalg.lstsq(columns, points.deviation.ravel(), rcond=None)[0]
-    rest = points.deviation.ravel() - columns @ away
-    if np.linalg.norm(away) > _FAR and np.sqrt(np.mean(rest**2)) < _SHARE * largest:
-        place = ", ".join(f"{(v + x) / MM:.2f}" for v, x in zip(test.sphere, away, strict=True))
-        sentence = f"{said}, as of a sphere at [{place}] mm; correct sphere_mm, or the unit of the deviations"
-        return Mistake("sphere", (test.name,), sentence)
-    if largest > _HUGE:
-        return Mistake("unit", (test.name,), f"{said}, more than any machine has; write them in µm, not in nm")
     return None
 
 
@@ -192,6 +200,24 @@ def _deviation_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistak
         (test.name,),
         f"{test.name}: no geometry of the machine makes these deviations ({as_is / UM:.3g} µm are left), but one does "
         f"({best / UM:.3g} µm) where {words} of the file; correct the columns",
+    )
+
+
+def _length_mistake(test: SphereTest, points: Points, probe: Probe) -> Mistake | None:
+    """A probe of another length, or a tip or sphere of another radius: all centres are off along the tool."""
+    columns = np.column_stack(
+        [sphere_columns(test, points.position).reshape(-1, 3), probe_columns(test, points)[:, :, 2].ravel()]
+    )
+    x, _, rank, _ = np.linalg.lstsq(columns, points.deviation.ravel(), rcond=1e-6)
+    if rank < columns.shape[1] or abs(x[-1]) < _LONG * probe.offset:
+        return None
+    way = "spindle" if x[-1] < 0.0 else "table"
+    return Mistake(
+        "length",
+        (test.name,),
+        f"{test.name}: all centres are {abs(x[-1]) / MM:.2g} mm too far towards the {way}, as with a wrong "
+        "length of the probe or radius of tip or sphere (correct it in the control, or take it off the deviations), or "
+        "with a table that lies so much higher or lower than the machine file says",
     )
 
 

@@ -37,6 +37,7 @@ from mjsim.importing.formats import read_any
 from mjsim.importing.importer import ImportedTrace, import_traces
 from mjsim.importing.into_campaign import test_name
 from mjsim.importing.logs import ImportedLog, columns_of, import_log
+from mjsim.importing.points import import_points
 from mjsim.importing.reading import Options
 from mjsim.importing.sources import test_keys
 from mjsim.importing.table import Table
@@ -44,6 +45,8 @@ from mjsim.inference.mistakes.sense import with_other_sense
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
+from mjsim.instruments.base import INSTRUMENTS as EVERY
+from mjsim.instruments.r_test.measurement import SphereReading
 from mjsim.io.files import check_writable, write_all, write_whole
 from mjsim.io.toml import parse, read_text
 from mjsim.machine.chain import FIVE_AXIS
@@ -53,7 +56,11 @@ from mjsim.nc.write import Options as NcOptions
 from mjsim.nc.write import nc_program
 
 #: Instruments that a campaign is started for, and what the user calls them.
-INSTRUMENTS = {BallBarTest.instrument: "a ball bar", LogTest.instrument: "the control (axis logs)"}
+INSTRUMENTS = {
+    BallBarTest.instrument: "a ball bar",
+    SphereReading.instrument: "an R-test",
+    LogTest.instrument: "the control (axis logs)",
+}
 #: Endings of NC programs, and of the files that are written for each control.
 PROGRAMS = (".nc", ".ngc", ".tap", ".mpf", ".spf", ".h", ".cnc", ".eia", ".min")
 _DIALECT = {".mpf": "siemens", ".spf": "siemens", ".ngc": "linuxcnc", ".h": "heidenhain"}
@@ -284,10 +291,14 @@ class Draft:
 
         self._edit(put)
 
+    @property
+    def in_motion(self) -> bool:
+        """Whether the instrument measures along programs: tests are planned for it."""
+        return EVERY[self.instrument].in_motion
+
     def _begin_campaign(self) -> None:
         """A campaign.toml without a test, for the instrument that is chosen."""
-        bar = self.instrument == BallBarTest.instrument
-        text = planned_text("new", []) if bar else log_campaign_text("new")
+        text = planned_text("new", [], self.instrument) if self.in_motion else log_campaign_text("new")
         write_whole(self.folder / "campaign.toml", text, force=True)
 
     def _edit(self, change: Callable[[Any], None]) -> None:
@@ -339,6 +350,8 @@ class Draft:
                 return self._drop_program(path)
             if self.instrument == LogTest.instrument:
                 return self._drop_log(path)
+            if self.instrument == SphereReading.instrument:
+                return self._drop_motion(path)
             if looks_like_xml(path):
                 return self._drop_b5r(path)
             return self._drop_trace(path)
@@ -411,6 +424,19 @@ class Draft:
         except InputError:
             return False
 
+    def _drop_motion(self, path: Path) -> str:
+        """A recording of an R-test, whose file is named as its test."""
+        name, planned = test_name(path), [t["name"] for t in self.tests]
+        if name not in planned:
+            raise InputError(
+                f"{path.name}: no test is called {name!r}; allowed: a file that is named as its test, "
+                f"{', '.join(planned) or 'of which there is none yet: take over a plan first'}"
+            )
+        made = import_points(self.folder, path, name, force=self._force)
+        columns = ", ".join(f"{c.name} in {c.unit}" for c in made.columns)
+        self.files[path.name] = Dropped(path, columns, {}, name, made.notes, made.questions)
+        return f"{path.name}: the recording of {name}."
+
     def _drop_log(self, path: Path) -> str:
         table = read_any(path, Options())
         self.files[path.name] = Dropped(path, f"{len(table.lines)} rows; {table.columns}")
@@ -481,7 +507,7 @@ class Draft:
         return [self.plain(m.sentence) for m in result.mistakes] + [self.plain(q) for q in questions]
 
     def programs(self, dialect: str) -> bytes:
-        """NC programs of all ball-bar tests, as a ZIP file.
+        """NC programs of all tests in motion, as a ZIP file.
 
         Args:
             dialect: Of the control, one of those that ``mjsim nc`` writes.
@@ -490,14 +516,14 @@ class Draft:
             InputError: There is no test, or an axis would leave its travel.
         """
         campaign, machine = self.campaign, self._machine()
-        tests = campaign.of(BallBarTest.instrument).tests if campaign is not None else ()
+        tests = {t.recording: t for t in campaign.in_motion.tests} if campaign is not None else {}
         if not tests:
-            raise InputError("There is no ball-bar test yet; take over a plan, or drop a trace.")
+            raise InputError("There is no test yet; take over a plan, or drop a trace.")
         out = io.BytesIO()
         with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-            for number, test in enumerate(tests, start=1):
+            for number, (name, test) in enumerate(tests.items(), start=1):
                 written = nc_program(test, NcOptions(dialect, number=number), model_limits(test.chain), machine.name)
-                archive.writestr(f"{test.name}{_ENDING[dialect]}", written.text)
+                archive.writestr(f"{name}{_ENDING[dialect]}", written.text)
         return out.getvalue()
 
     def write(self, target: str) -> Path:

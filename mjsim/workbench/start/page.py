@@ -18,12 +18,13 @@ from mjsim.campaign.new import BALL_BAR, turns_of
 from mjsim.errors import InputError, SimulationError
 from mjsim.importing.into_campaign import test_name
 from mjsim.importing.reading import Options
-from mjsim.inference.planning.whole_campaign import CampaignPlan, CampaignPlanner, told_sentences
+from mjsim.inference.planning.whole_campaign import CampaignPlan, CampaignPlanner, possible_motions, told_sentences
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import CIRCULAR
 from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest, Trace
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.r_test.measurement import SphereReading
 from mjsim.machine.chain import SENSES
 from mjsim.units import DEG, MM, UM
 from mjsim.workbench.lines import thinned
@@ -485,6 +486,7 @@ class StartPage:
                 if said.text:
                     choice.value = self.draft.instrument
                 self._bar.visible = choice.value == BallBarTest.instrument
+                self._planner = self._plan = None
                 self._draw_tests()
 
             choice.on_value_change(changed)
@@ -497,12 +499,12 @@ class StartPage:
     def _draw_tests(self) -> None:
         """The third step again."""
         self._tests.clear()
-        bar = self.draft.instrument == BallBarTest.instrument
+        moving = self.draft.in_motion
         with self._tests:
-            what = "tests and traces" if bar else "recordings"
+            what = "tests and traces" if moving else "recordings"
             ui.html(f"<h2>{'' if self.draft.existing else '3. '}The {what}</h2>", sanitize=False)
-            with ui.element("div").classes("two" if bar and not self.draft.existing else ""):
-                if bar and not self.draft.existing:
+            with ui.element("div").classes("two" if moving and not self.draft.existing else ""):
+                if moving and not self.draft.existing:
                     with ui.element("div"):
                         self._plan_part()
                 with ui.element("div"):
@@ -538,7 +540,9 @@ class StartPage:
 
         def make() -> CampaignPlan:
             if self._planner is None or self._planner[0] != repr(machine):
-                self._planner = repr(machine), CampaignPlanner(machine, self.server.threads, tell)
+                spheres = self.draft.instrument == SphereReading.instrument
+                tests = list(possible_motions(machine)) if spheres else None
+                self._planner = repr(machine), CampaignPlanner(machine, self.server.threads, tell, tests=tests)
             progress["words"] = "choosing tests …"
             return self._planner[1].plan(minutes)
 
@@ -574,6 +578,8 @@ class StartPage:
 
     def _drop_part(self) -> None:
         words = "traces (CSV, TXT, .b5r), NC programs named as their tests, a campaign.toml or machine.toml"
+        if self.draft.instrument == SphereReading.instrument:
+            words = "recordings named as their tests (CSV, TXT), a campaign.toml or machine.toml"
         if self.draft.instrument == LogTest.instrument:
             words = "recordings (CSV, TXT, spreadsheets, exports of scopes and controls) or a machine.toml"
         ui.label(f"Drop {words} here:")
@@ -585,7 +591,7 @@ class StartPage:
             dialect = ui.select(list(_DIALECTS), value=_DIALECTS[0], label="Control").classes("short").props("dense")
             button = ui.button("NC programs", icon="download", on_click=lambda: self._download(dialect.value))
             button.props("flat no-caps dense").mark("programs")
-        dialect.visible = button.visible = self.draft.instrument == BallBarTest.instrument
+        dialect.visible = button.visible = self.draft.in_motion
         self._checked = ui.element("div").mark("check")
 
     async def _download(self, dialect: str) -> None:
@@ -691,9 +697,11 @@ class StartPage:
     def _preview(self, dropped: Dropped) -> str:
         """A picture of a recording."""
         campaign = read_campaign(self.draft.folder, spans=False)
-        test = next((t for t in campaign.tests if t.name == dropped.test), None)
-        if test is None or test.name not in campaign.traces:
+        mine = [t for t in campaign.measured if dropped.test in (t.name, getattr(t, "recording", t.name))]
+        if not mine:
             return ""
+        # of an R-test the coordinate that shows most
+        test = max(mine, key=lambda t: float(np.ptp(campaign.traces[t.name].deviation)) if len(mine) > 1 else 0.0)
         trace = campaign.traces[test.name]
         if isinstance(test, BallBarTest):
             return preview_of_trace(test, trace)
