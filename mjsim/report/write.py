@@ -29,7 +29,6 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
 from mjsim.io.files import finite
-from mjsim.machine import model
 from mjsim.machine.model import Machine, sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.plots.temperatures import temperature_figure
@@ -356,7 +355,7 @@ def _single(
     else:
         final = machine
         if bars:
-            problem = checked_problem(campaign, model.build(machine), threads, machine=machine)
+            problem = checked_problem(campaign, machine, threads)
             compared = compare_bars(campaign, machine, threads, progress, problem)
             content = build.compared(problem, compared, threads, progress, day, parts)
     left = [n for n in campaign.measured_parts if n not in sections and not INSTRUMENTS[n].in_motion]
