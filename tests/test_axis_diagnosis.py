@@ -1,5 +1,7 @@
 """Diagnosis of axis logs made by independent code: planted causes are found, and nothing where nothing is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.axis_log.compare import compare_logs
 from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.commands.calibrate import calibrate
 from mjsim.inference.axis_logs.data import noise_of, period_of
 from mjsim.inference.axis_logs.entries import AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
@@ -35,6 +38,15 @@ def test_the_right_machine_leaves_the_noise(campaign, axis):
     """The independent integration and the compiled loop agree to a share of an encoder step."""
     result = compare_logs(*campaign(axis, PI, friction=axis.coulomb))
     assert result.rms < 0.1e-6
+
+
+def test_a_log_that_names_no_controller_ran_under_the_only_one(campaign):
+    """Its numbers are fitted as those of that controller; the simulation had been that of the bare drive."""
+    logs, machine = campaign(FRICTION, PI, torque=True, friction=0.12)
+    nameless = replace(logs, tests=tuple(replace(t, controller=None) for t in logs.tests))
+    sheets = [calibrate(c, machine).sheet for c in (logs, nameless)]
+    assert sheets[0] == sheets[1] and any(n.controller == "c" for n in sheets[0])
+    assert nameless.tests[0].controller is None and logs.tests[0].controller == "c"
 
 
 def test_nothing_is_found_where_nothing_hides(campaign):

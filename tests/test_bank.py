@@ -16,7 +16,6 @@ from mjsim.commands.diagnose import diagnose
 from mjsim.inference.findings import explain
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.vibration import separate
-from mjsim.machine.model import build
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "scripts" / "benchmarks"))
 #: Campaigns with few tests each; other causes are looked for in the examples, in test_planning and in test_worn_worm.
@@ -51,7 +50,7 @@ def test_a_knock_that_the_waves_of_a_worm_hide_is_no_further_cause(tmp_path):
     campaign.write_files(case, tmp_path)
     c = read_campaign(tmp_path)
     machine = read_machine(c.machine_file)
-    explained = explain(separate(checked_problem(c, build(machine), 2), machine))
+    explained = explain(separate(checked_problem(c, machine, 2), machine))
     assert [f.key for f in explained.selection.found] == ["pitch_error.A"]
     assert explained.unexplained is None
     assert sum(explained.data.outliers.values()) == 5  # the sixth lies within five times the noise

@@ -256,7 +256,7 @@ def measured(chain: Chain, machine: Machine, truth: Machine) -> Problem:
         noise = rng.normal(0.0, 0.1e-6, len(time))
         traces[test.name] = Trace(time, np.interp(time - 0.011, motion.time, exact) + noise, np.ones(len(time), bool))
     campaign = read_campaign(examples() / "healthy", traces=False)
-    return checked_problem(replace(campaign, tests=tests, traces=traces), build(machine), threads=1)
+    return checked_problem(replace(campaign, tests=tests, traces=traces), machine, threads=1)
 
 
 def test_a_diagnosis_finds_the_backlash_of_another_axis():

@@ -99,7 +99,7 @@ def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
         len(time), 0.05e-6, 0.05, 0.005, np.random.default_rng(5)
     )
     trace = Trace(time, value, np.ones(len(time), bool))
-    problem = trusted_problem(dataclasses.replace(campaign, tests=(test,), traces={test.name: trace}), build(machine))
+    problem = trusted_problem(dataclasses.replace(campaign, tests=(test,), traces={test.name: trace}), machine)
     x = fit_nuisance(problem, problem.readings(build(machine)))
     n = problem.nuisances
     assert n.trigger(x, test.name) == pytest.approx(0.011, abs=0.001)
@@ -127,7 +127,7 @@ def healthy(*names):
     campaign = read_campaign(examples() / "healthy")
     campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
     machine = read_machine(campaign.machine_file)
-    return trusted_problem(campaign, build(machine), 2), machine
+    return trusted_problem(campaign, machine, 2), machine
 
 
 def hide(problem, machine, effect):
@@ -182,7 +182,7 @@ def test_a_data_sheet_far_off_does_not_end_a_fit():
     campaign = read_campaign(examples() / "healthy")
     campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name == "circle-xy-ccw"))
     machine = read_machine(campaign.machine_file)
-    fitter = Fitter(trusted_problem(campaign, build(machine), 2), machine)
+    fitter = Fitter(trusted_problem(campaign, machine, 2), machine)
     near = fitter.fit([], iterations=0)
     wild = dataclasses.replace(
         near, sheet_deviation=np.where(np.arange(len(near.sheet_deviation)) % 7 == 2, -57.0, 20.0)
@@ -199,7 +199,7 @@ def test_a_wave_of_order_1_stands_in_the_place_of_a_windup():
     names = ("cone45-centre-ccw", "rotary-a-tangential-ccw", "rotary-a-tangential-cw")
     campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
     machine = read_machine(campaign.machine_file)
-    problem = trusted_problem(campaign, build(machine), 2)
+    problem = trusted_problem(campaign, machine, 2)
     fitter = Fitter(problem, machine)
     pitch = registry.make("pitch_error.A", components=[[72.0, 0.0005, 30.0]])
     windup = registry.make("gravity_windup.A", amplitude_deg=0.0003, phase_deg=40.0)
@@ -310,7 +310,7 @@ def test_a_step_ends_at_a_bound_and_the_others_make_the_best_of_it():
     names = ("circle-xy-ccw", "circle-xy-cw")
     campaign = dataclasses.replace(campaign, tests=tuple(t for t in campaign.tests if t.name in names))
     machine = read_machine(campaign.machine_file)
-    problem = trusted_problem(campaign, build(machine), 2)
+    problem = trusted_problem(campaign, machine, 2)
     play, friction = registry.make("backlash.X", width_um=1.0), machine.effect("friction.X")
     hide(problem, machine, play.replaced(width_um=0.5))
     less = {s.test.name: s for s in problem.samples}
@@ -336,7 +336,7 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     tests = tuple(t for t in campaign.tests if t.name in ("circle-xy-ccw", "cone15-x50-ccw", "cone15-parallel-ccw"))
     problem = trusted_problem(
         dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
-        build(machine),
+        machine,
     )
     floating = []
     for s, m, sens in zip(problem.samples, problem.motions, problem.sensitivity, strict=True):
@@ -371,7 +371,7 @@ def two_cones():
     tests = tuple(t for t in campaign.tests if t.name in ("cone15-y50-ccw", "cone15-x50-ccw"))
     problem = trusted_problem(
         dataclasses.replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests}),
-        build(machine),
+        machine,
     )
     return machine, problem
 

@@ -19,7 +19,6 @@ from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.nuisance import TRIGGERS
 from mjsim.inference.nuisance_fit import better_triggers, fit_nuisance
 from mjsim.machine.chain import chain_of
-from mjsim.machine.model import build
 
 #: Family -> numbers that turns of single axes leave open, each with what shows in its place.
 OPEN = {
@@ -115,7 +114,7 @@ def test_triggers_leave_a_false_minimum(folders):
     campaign = read_campaign(folders["fork_head"])
     wide = TYPICAL_TOLERANCE | {"axis_location": {"um": 400.0, "urad": 1000.0}}
     machine = replace(read_machine(campaign.machine_file), tolerance=wide)
-    fitter = Fitter(checked_problem(campaign, build(machine), 1), machine)
+    fitter = Fitter(checked_problem(campaign, machine, 1), machine)
     fit, at = fit_within_tolerance(fitter), fitter.problem.nuisances[TRIGGERS]
     assert better_triggers(fitter.problem, fit.readings, fit.nuisance) is None
     moved = fit.nuisance.copy()

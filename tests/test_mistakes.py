@@ -6,6 +6,7 @@ The traces are those of the example campaigns, which another simulation than mjs
 import itertools
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,18 +16,21 @@ from independent import campaign as generator
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.tolerance import TYPICAL_TOLERANCE
+from mjsim.commands.calibrate import calibrate
 from mjsim.commands.check import check
+from mjsim.commands.geometry import geometry
 from mjsim.errors import InputError
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.mistakes.mistakes import UNITS, corrected, unit_of
 from mjsim.inference.mistakes.recognise import recognise
 from mjsim.inference.mistakes.sense import with_other_sense
+from mjsim.inference.pitch.identify import identify_pitch_errors
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.ball_bar.span import explain
 from mjsim.io.resources import examples
-from mjsim.machine.model import build
 
 #: What is wrong with the machine of each example is in its README; none of it is a mistake of the user's.
 FAULTY = ("hidden-backlash", "two-candidates", "pitch-error", "unlisted", "healthy", "kato2013")
@@ -339,7 +343,10 @@ def test_the_wrong_sense_of_an_axis(real_machine):
     assert 'sense = "opposite" in [axis.C] of the machine file' in m.sentence and "run the other way" in m.sentence
 
 
-def test_a_command_refuses_the_wrong_sense(real_machine):
+@pytest.mark.parametrize("command", [checked_problem, geometry, calibrate, partial(identify_pitch_errors, axes=("C",))])
+def test_every_command_refuses_the_wrong_sense(real_machine, command):
+    """What fits numbers without a search would put them into a mirrored machine."""
     campaign, machine = in_other_sense(*real_machine, "C")
+    machine = replace(machine, tolerance=TYPICAL_TOLERANCE)
     with pytest.raises(InputError, match=r"C counts the other way .* which one, only you can tell"):
-        checked_problem(campaign, build(machine), machine=machine)
+        command(campaign, machine)

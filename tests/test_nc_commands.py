@@ -1,6 +1,7 @@
 """``mjsim nc``, ``nc read``, ``nc feed`` and the key ``program`` of campaign.toml, as a user runs them."""
 
 import re
+import zipfile
 from functools import partial
 
 import commands
@@ -301,3 +302,15 @@ def test_from_python(campaign, tmp_path):
     assert mjsim.feed_report(test, nc.motion, mjsim.Control(cycle=1e-3)).mean == pytest.approx(test.feed, rel=1e-4)
     (s,) = mjsim.simulate(mjsim.read_machine(campaign / "machine.toml"), [driven])
     assert np.degrees(s.command[-1, 3]) == pytest.approx(30.0)
+
+
+def test_programs_of_all_tests(campaign, tmp_path):
+    """As one by one, but for the number of the program."""
+    said = as_json(campaign, "-o", tmp_path / "all.zip", "--dialect", "siemens")
+    assert said["tests"] == ["cone", "turn"]
+    with zipfile.ZipFile(tmp_path / "all.zip") as archive:
+        assert archive.namelist() == ["cone.mpf", "turn.mpf"]
+        ok(campaign, "--test", "turn", "-o", tmp_path / "turn.mpf", "--dialect", "siemens")
+        assert archive.read("turn.mpf").decode() == (tmp_path / "turn.mpf").read_text(encoding="utf-8")
+    refused = run(campaign, "-o", tmp_path / "all.zip")
+    assert refused.exit_code == 1 and "all.zip" in refused.stderr and "--force" in refused.stderr

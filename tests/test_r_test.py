@@ -290,7 +290,7 @@ def test_beside_a_ball_bar(tmp_path):
     r_test.write_with_bar(tmp_path, 6, [circle], [{"id": "squareness.XY", "angle_urad": 60.0}], moves()[:2])
     campaign, machine = read(tmp_path)
     assert [p.instrument for p in compare(campaign, machine, 1).parts] == ["ball_bar", "r_test"]
-    problem = trusted_problem(campaign.in_motion, build(machine), 1)
+    problem = trusted_problem(campaign.in_motion, machine, 1)
     noise = {name: n.rms / UM for name, n in problem.noises.items()}
     assert noise["ball_bar"] == pytest.approx(0.12, rel=0.3) and noise["r_test"] == pytest.approx(0.2)
     off = EffectVector(mjsim.make_effect("squareness.XY", angle_urad=1.0), ("angle_urad",))

@@ -111,10 +111,8 @@ def test_from_the_empty_page_to_the_finding_and_the_report(browser, address, tmp
     tab.close()
 
 
-def test_logs_from_the_empty_page_to_the_workbench(browser, address, tmp_path):
-    """Recordings of an axis: the control is the instrument; the machine file of the user is dropped. What the workbench
-    then finds, tests/test_workbench_browser.py looks at.
-    """
+def test_logs_from_the_empty_page_to_the_finding_and_the_report(browser, address, tmp_path):
+    """Recordings of an axis: the control is the instrument; the machine file of the user is dropped."""
     source, target = write_log(tmp_path), tmp_path / "mine"
     tab = Page(browser, address)
     begin(tab, "three-axes")
@@ -128,6 +126,13 @@ def test_logs_from_the_empty_page_to_the_workbench(browser, address, tmp_path):
     tab.page.get_by_label("New folder").fill(str(target))
     tab.page.get_by_role("button", name="write and open").click()
     tab.wait_for_error(5.0, 20.0, "drives alone")
+    tab.button("diagnose").click()
+    tab.page.locator(".card .head", has_text="torque_ripple.X: amplitude").wait_for()
+    tab.page.locator(".card button", has_text="add").first.click()
+    with tab.page.expect_download() as download:
+        tab.button("report").click()
+    download.value.save_as(tmp_path / "report.html")
+    assert "torque_ripple.X" in (tmp_path / "report.html").read_text(encoding="utf-8")
     tab.close()
 
 

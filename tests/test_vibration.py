@@ -29,7 +29,7 @@ def shaken(campaign, machine, axis, amplitude, frequency):
     traces = {}
     for k, t in enumerate(campaign.tests):
         trace = campaign.traces[t.name]
-        problem = trusted_problem(replace(campaign, tests=(t,), traces={t.name: trace}), build(machine), threads=1)
+        problem = trusted_problem(replace(campaign, tests=(t,), traces={t.name: trace}), machine, threads=1)
         grid = problem.sensitivity[0].axes[:, "XYZ".index(axis)]
         weight = np.interp(trace.time, 0.005 * np.arange(len(grid)), grid)
         wave = amplitude * weight * np.sin(2 * np.pi * frequency * trace.time + k + 1.0)
@@ -42,7 +42,7 @@ def test_an_axis_that_no_test_sees_is_not_named(healthy):
     flat = tuple(t for t in healthy.tests if t.plane == "XY" and t.kind == "circular")
     campaign = replace(healthy, tests=flat, traces={t.name: healthy.traces[t.name] for t in flat})
     machine = read_machine(campaign.machine_file)
-    problem = trusted_problem(shaken(campaign, machine, "X", 0.05e-6, 43.7), build(machine))
+    problem = trusted_problem(shaken(campaign, machine, "X", 0.05e-6, 43.7), machine)
     (line,) = separate(problem, machine).lines
     assert "vibration.Z" not in {line.effect.id, *line.alternatives}
     assert line.effect.values["amplitude_um"] < 0.1
@@ -53,7 +53,7 @@ def test_an_axis_that_no_test_sees_is_not_named(healthy):
 )
 def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
     machine = read_machine(healthy.machine_file)
-    problem = trusted_problem(shaken(healthy, machine, axis, amplitude, frequency), build(machine))
+    problem = trusted_problem(shaken(healthy, machine, axis, amplitude, frequency), machine)
     separated = separate(problem, machine)
     assert separated.machine == machine and len(separated.lines) == 1
     line = separated.lines[0]
@@ -73,7 +73,7 @@ def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
 def test_the_amplitude_is_that_of_the_vibration(healthy, frequency):
     """What takes the slow part off the residual takes nothing off the vibration: within 0.3 %, noise included."""
     machine = read_machine(healthy.machine_file)
-    problem = trusted_problem(shaken(healthy, machine, "X", 20e-6, frequency), build(machine))
+    problem = trusted_problem(shaken(healthy, machine, "X", 20e-6, frequency), machine)
     (line,) = separate(problem, machine).lines
     assert line.effect.values["amplitude_um"] == pytest.approx(20.0, rel=0.003)
 
@@ -87,19 +87,19 @@ def test_traces_of_different_rates_are_searched_together(healthy):
         for n, t in campaign.traces.items()
     }
     mixed = replace(campaign, traces={**coarse, TESTS[2]: campaign.traces[TESTS[2]]})
-    (line,) = separate(trusted_problem(mixed, build(machine)), machine).lines
+    (line,) = separate(trusted_problem(mixed, machine), machine).lines
     assert line.effect.id == "vibration.X"
     assert line.effect.values["frequency_Hz"] == pytest.approx(31.3, abs=0.005)
 
 
 def test_a_healthy_machine_does_not_vibrate(healthy):
     machine = read_machine(healthy.machine_file)
-    assert separate(trusted_problem(healthy, build(machine)), machine).lines == ()
+    assert separate(trusted_problem(healthy, machine), machine).lines == ()
 
 
 def test_what_is_left_out_can_be_restored(healthy):
     machine = read_machine(healthy.machine_file)
-    problem = trusted_problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), build(machine))
+    problem = trusted_problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), machine)
     before = [s.mean.copy() for s in problem.samples]
     data = separate(problem, machine).problem
     assert data.noise.rms < 0.8 * problem.noise.rms  # a vibration does not count as noise
@@ -114,7 +114,7 @@ def test_a_vibration_that_the_machine_has_gets_its_phases(healthy):
     """The machine file has size and frequency; every test has its own phase, found anew."""
     machine = read_machine(healthy.machine_file)
     known = machine.with_effect(make("vibration.X", amplitude_um=0.5, frequency_Hz=30.71))
-    problem = trusted_problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), build(known))
+    problem = trusted_problem(shaken(healthy, machine, "X", 0.5e-6, 30.71), known)
     with_phases = phased(problem, known)
     assert set(with_phases.effect("vibration.X").phases) == set(TESTS)
     with_it, without = ([r for r in problem.readings(build(m))] for m in (with_phases, machine))

@@ -16,7 +16,7 @@ from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.vibration import phased_at
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.plots.polar import centre_of, off_centre
 from mjsim.plots.style import step_below
 from mjsim.progress import Progress, counted, silent
@@ -145,7 +145,7 @@ def tell(
 
 def _compared(campaign: Campaign, machine: Machine, test: BallBarTest, threads: int, progress: Progress):
     """All measured tests count, so that the nuisances, and the residual, are those of ``mjsim compare``."""
-    problem = checked_problem(campaign, build(machine), threads, machine=machine)
+    problem = checked_problem(campaign, machine, threads)
     progress("simulating", 0, len(problem.tests))
     whole, begin = phased_at(problem, machine)
     done = counted(progress, "simulating", len(problem.tests))

@@ -353,7 +353,7 @@ def show_log_errors(data: dict) -> None:
         if t["radial"]:
             r = t["radial"]
             common.paragraph(
-                f"{t['name']}: radial deviation on the circle, measured less simulated {r['rms_um']:.2f} µm RMS; "
+                f"{t['name']}: radial error on the circle, measured less simulated {r['rms_um']:.2f} µm RMS; "
                 f"circular error {r['measured_circular_error_um']:.1f} µm measured, "
                 f"{r['simulated_circular_error_um']:.1f} µm simulated"
             )

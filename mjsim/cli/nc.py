@@ -24,6 +24,7 @@ class _NC(click.Group):
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         formatter.write_usage("mjsim nc", "CAMPAIGN --test NAME -o FILE.nc [OPTIONS]", "Usage: ")
+        formatter.write_usage("mjsim nc", "CAMPAIGN -o FILE.zip [OPTIONS]", "       ")
         formatter.write_usage("mjsim nc read", "FILE.nc [OPTIONS]", "       ")
         formatter.write_usage("mjsim nc feed", "CAMPAIGN --test NAME [OPTIONS]", "       ")
         self.format_help_text(ctx, formatter)
@@ -48,8 +49,8 @@ def command() -> None:
 
 @command.command("write", hidden=True)
 @common.campaign_argument
-@click.option("--test", "name", required=True, shell_complete=common.test_names, help="Test to write.")
-@common.file_option("-o", "--out", required=True, help="The NC file.")
+@click.option("--test", "name", shell_complete=common.test_names, help="Test to write (default: all, as a ZIP file).")
+@common.file_option("-o", "--out", required=True, help="The NC file, or the ZIP file.")
 @options.written_dialect
 @options.writing
 @options.signs
@@ -71,6 +72,9 @@ def write(campaign, name, out, limit, max_speed, force, machine, sphere, tip, cl
     from mjsim.nc.dialects import FEEDS
     from mjsim.nc.write import write_nc
 
+    if name is None:
+        _write_all(campaign, out, machine, options.write_options(**how), limit, max_speed, force)
+        return
     c, test = options.find_test(campaign, name, *(n for n, i in INSTRUMENTS.items() if i.at_rest))
     m = machine_of(c, machine)
     check_writable(out, force)
@@ -101,6 +105,23 @@ def write(campaign, name, out, limit, max_speed, force, machine, sphere, tip, cl
     )
     if not common.wants_json():
         common.say(f"written to {out}")
+
+
+def _write_all(campaign: Path, out: Path, machine: Path | None, how, limit, max_speed, force: bool) -> None:
+    """``mjsim nc`` without a test: the programs of all tests in motion, as a ZIP file."""
+    from mjsim.errors import InputError
+    from mjsim.io.files import check_writable, write_whole
+    from mjsim.nc.write import zipped_programs
+
+    c, m = common.campaign_and_machine(campaign, machine, traces=False)
+    c = c.in_motion
+    if not c.tests:
+        raise InputError(f"{c.folder / 'campaign.toml'}: no test in motion; --test names one that is measured at rest")
+    check_writable(out, force)
+    write_whole(out, zipped_programs(c.tests, how, options.allowed(limit, max_speed, m.chain), m.name), force)
+    names = list(dict.fromkeys(map(options.recording_of, c.tests)))
+    if not common.answered({"file": str(out), "tests": names, "dialect": how.dialect}):
+        common.say(f"{len(names)} programs written to {out}")
 
 
 def _write_positions(test, out: Path, campaign, force: bool) -> None:

@@ -204,8 +204,8 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
     show_new(data)
     if out is not None:
         click.echo(f"\n{out} has campaign.toml and machine.toml. Next:\n")
-        first, how = plan.tests[0].recording, "--points " if instrument == SphereReading.instrument else ""
-        click.echo(f"  mjsim nc {out} --test {first} -o {first}.nc   (and the others)")
+        how = "--points " if instrument == SphereReading.instrument else ""
+        click.echo(f"  mjsim nc {out} -o programs.zip      (--dialect says for which control)")
         click.echo(f"  mjsim import FILE --campaign {out} {how}--test NAME")
         click.echo(f"  mjsim diagnose {out}")
 

@@ -24,7 +24,7 @@ from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.vibration import separate
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 
@@ -89,7 +89,7 @@ def calibrate(campaign: Campaign, machine: Machine, threads: int = 2, progress: 
         final, sheet = _calibrated_by_logs(parts[LogTest.instrument], machine, threads, progress)
     if campaign.in_motion.measured:
         progress("calibrating within tolerance", 0, 1)
-        problem = checked_problem(campaign, build(final), threads)
+        problem = checked_problem(campaign, final, threads)
         separated = separate(problem, final)
         fitter = Fitter(separated.problem, separated.machine)
         fit = fit_within_tolerance(fitter)

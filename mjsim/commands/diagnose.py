@@ -82,9 +82,7 @@ def _diagnose(
 ) -> Diagnosis:
     """The diagnosis itself, whatever the cache has."""
     progress("preparing", 0, 1)
-    separated = separate(
-        checked_problem(campaign, build(machine), threads, settings=settings, machine=machine), machine
-    )
+    separated = separate(checked_problem(campaign, machine, threads, settings=settings), machine)
     # much of the search keeps one core busy: another simulates meanwhile
     readings_as_given = separated.problem.workers.start(lambda: readings_of(machine, separated.problem.tests, 1))
     explained = explain(separated, progress, max_effects)

@@ -24,7 +24,7 @@ from mjsim.io.files import write_all
 from mjsim.io.toml import read_text
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
@@ -112,7 +112,7 @@ def add(
     campaign = _with_traces(campaign)
     if record:
         ladder.read_history(campaign)  # a damaged history stops us before the work
-    problem = checked_problem(campaign, build(machine), threads, machine=machine)
+    problem = checked_problem(campaign, machine, threads)
     progress("fitting", 0, 1)
     fitted_effect, ci95 = best_effect(problem, machine, cls, subjects)
     if source is not None:
@@ -163,7 +163,7 @@ def remove(
         raise InputError(f"{machine.path}: has no effect {effect!r}; it has: {have}")
     campaign = _with_traces(campaign)
     ladder.read_history(campaign)  # a damaged history stops us before the work
-    problem = trusted_problem(campaign, build(machine), threads)
+    problem = trusted_problem(campaign, machine, threads)
     before = compare_bars(campaign, machine, threads, progress, problem)
     without = machine.without(present.key)
     after = compare_bars(campaign, without, threads, progress, problem)

@@ -27,7 +27,7 @@ from mjsim.instruments.ball_bar.program import Program, reversals
 from mjsim.io.extras import need
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM, unit_of
@@ -320,7 +320,7 @@ def explain(
     campaign = campaign.in_motion
     result = result or diagnose(campaign, machine, threads=threads, progress=progress)
     progress("fitting the final model again", 0, 2)
-    separated = separate(trusted_problem(campaign, build(machine), threads), machine)
+    separated = separate(trusted_problem(campaign, machine, threads), machine)
     search = BarSearch(Fitter(separated.problem, separated.machine))
     named = [EffectVector(e.effect, e.free) for e in result.effects if e.effect.kind != "vibration"]
     of_class = [c.effect for c in result.calibration]

@@ -88,6 +88,12 @@ class DiagnosedEffect:
         return f"Probability that it is this, and larger than on a sound machine: {percent(self.probability)}{others}."
 
     @property
+    def reached(self) -> dict[str, float]:
+        """Share of its gain that others reach which were tried in its place, by id, the nearest first."""
+        near = sorted(self.rejected.items(), key=lambda row: row[1])
+        return {i: max(0.0, 1.0 - less / self.gain) for i, less in near} if self.gain > 0.0 else {}
+
+    @property
     def evidence(self) -> str:
         """Which instrument decided, and how clearly; empty where there is one instrument only."""
         if not self.decided_by:

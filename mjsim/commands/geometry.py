@@ -22,7 +22,7 @@ from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.vibration import separate
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import in_words
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import UM
@@ -140,7 +140,7 @@ def geometry(campaign: Campaign, machine: Machine, threads: int = 2, progress: P
     table = machine.tolerance or TYPICAL_TOLERANCE
     free = replace(machine, tolerance={**table, **_WIDE})
     progress("fitting the geometry", 0, 1)
-    separated = separate(checked_problem(campaign, build(free), threads), free)
+    separated = separate(checked_problem(campaign, free, threads), free)
     fitter = Fitter(separated.problem, separated.machine)
     fit = fit_within_tolerance(fitter)
     fit = fitter.fit(fit.effects, start=fit, exact=True, iterations=_EXACT, fresh=False)

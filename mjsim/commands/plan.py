@@ -36,7 +36,7 @@ from mjsim.inference.settings import DIAGNOSIS, PLAN, DiagnosisSettings, PlanSet
 from mjsim.inference.vibration import separate
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
@@ -85,7 +85,7 @@ def plan_bars(
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
         return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress, settings.plan)
     progress("preparing", 0, 1)
-    problem = checked_problem(campaign, build(machine), threads, settings=settings, machine=machine)
+    problem = checked_problem(campaign, machine, threads, settings=settings)
     separated = separate(problem, machine)
     if between is None:
         explained = explain(separated, progress)

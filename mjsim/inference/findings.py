@@ -33,7 +33,7 @@ from mjsim.inference.hypotheses import CAUSE, entries_of, log_odds_of, name_of
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell, with_curves
+from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, LONGEST, WIDTHS, Curve, best_curves
@@ -379,7 +379,8 @@ class _BarReader(Reader[Problem]):
         if large < FINDING:
             return None, large, fit
         self.progress("describing what is in no catalogue", 0, 1)
-        problem = with_curves(self.model.base, [c for c in curves if c is not curve])
+        # where it jumps is what is asked now: the readings there have no error of their own
+        problem = self.search.problem_of(self.model.sizes, [c for c in curves if c is not curve])
         fitter = Fitter(problem, fit.base)
         alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
         (best, probability), *others = self._terms(problem, alone, curve)

@@ -34,6 +34,7 @@ class Dialect:
             (1 where F is that of eq. A.11, 0 where F is the linear axes' alone).
         strict_point: whether an axis word without a decimal point is ambiguous.
         cycle: the control shortens blocks of rotary axes to whole cycles of so many s; 0: it does not.
+        ending: of its programs' files.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Dialect:
     weight: float = 1.0
     strict_point: bool = False
     cycle: float = 0.0
+    ending: str = ".nc"
 
     def weights(self, chain: Chain) -> np.ndarray:
         """Weights (axes,) of the axes in the length of a G94 block."""
@@ -86,6 +88,7 @@ _LIST = (
         path=("G64",),
         tip_on="TRAORI",
         tip_off="TRAFOOF",
+        ending=".mpf",
     ),
     Dialect(
         name="linuxcnc",
@@ -102,6 +105,7 @@ _LIST = (
         tip_off="M429",
         weight=0.0,
         cycle=1e-3,
+        ending=".ngc",
     ),
 )
 #: Dialects that are written, and read.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import io
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +126,28 @@ def write_nc(
     written = nc_program(test, options, limits, machine)
     write_whole(Path(path), written.text, force)
     return written
+
+
+def zipped_programs(
+    tests: Iterable[BallBarTest], options: Options, limits: Limits | None = None, machine: str = ""
+) -> bytes:
+    """The programs of some tests as a ZIP file, numbered one after the other; of one recording one.
+
+    Args:
+        tests: what to run. The others as for :func:`nc_program`.
+
+    Raises:
+        InputError: as :func:`nc_program`.
+    """
+    out = io.BytesIO()
+    by_name: dict[str, BallBarTest] = {}
+    for test in tests:
+        by_name.setdefault(test.recording, test)
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for number, (name, test) in enumerate(by_name.items(), start=options.number):
+            written = nc_program(test, replace(options, number=number), limits, machine)
+            archive.writestr(f"{name}{dialect(options.dialect).ending}", written.text)
+    return out.getvalue()
 
 
 def _feed(o: Options, d: Dialect, test: BallBarTest) -> str:

@@ -38,7 +38,7 @@ def log_figures(t: ComparedLog) -> Iterator[tuple[str, Figure]]:
     """A figure for every axis of a log, and one for its circle, with their titles."""
     yield from ((f"{t.test.name}, axis {axis.axis}", axis_figure(t, axis)) for axis in t.channels)
     if t.circle is not None:
-        yield f"{t.test.name}, radial deviation on the circle", circle_figure(t)
+        yield f"{t.test.name}, radial error on the circle", circle_figure(t)
 
 
 def axis_figure(log: ComparedLog, axis: ComparedAxis) -> Figure:
@@ -81,7 +81,7 @@ def axis_figure(log: ComparedLog, axis: ComparedAxis) -> Figure:
 
 
 def circle_figure(log: ComparedLog) -> Figure:
-    """The radial deviation of a log's circle as a polar plot, measured and simulated."""
+    """The radial error of a log's circle as a polar plot, measured and simulated."""
     circle = log.circle
     assert circle is not None and log.test.circle is not None
     phi, measured, simulated = style.thinned(circle.phi / DEG, circle.measured / UM, circle.simulated / UM)

@@ -232,10 +232,7 @@ def _finding(e: DiagnosedEffect, data: dict, explainable: float, known: float | 
     share = 100.0 * (e.rms_before**2 - e.rms_after**2) / explainable if explainable > 0.0 else None
     if known is not None:
         share = 100.0 * known
-    rejected = None
-    if e.rejected and e.gain > 0.0:
-        name, loss = min(e.rejected.items(), key=lambda r: r[1])
-        rejected = Rejected(name, round(max(0.0, 100.0 * (1.0 - loss / e.gain)), 1))
+    rejected = next((Rejected(i, round(100.0 * reached, 1)) for i, reached in e.reached.items()), None)
     return Finding(
         e.effect.key,
         e.effect.title,

@@ -62,7 +62,7 @@ def prepared(result: Diagnosis, threads: int = 2) -> Problem:
     """The campaign as the diagnosis has judged it: with the disturbances left out that its final model does not
     follow.
     """
-    problem = trusted_problem(result.campaign, build(result.before.machine), threads)
+    problem = trusted_problem(result.campaign, result.before.machine, threads)
     if not any(problem.outliers.values()) and not any(t.outliers for t in result.after.tests):
         return problem
     readings = problem.readings(build(phased(problem, result.machine)))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.extras import need
 from mjsim.io.files import finite
-from mjsim.machine import model
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine, sheet_name
 from mjsim.plots.comparison import titled_figures
 from mjsim.plots.temperatures import temperature_figure
@@ -141,6 +142,7 @@ def compared_section(result: ComparedPart) -> dict:
         "noise_um": said.get("noise_um"),
         "noise_source": said.get("noise_source", "as the instrument states it"),
         "tests": tests,
+        "model": [_model_row(e) for e in result.machine.effects],
         "effects": [],
         "unexplained": None,
         "ladders": [],
@@ -149,6 +151,17 @@ def compared_section(result: ComparedPart) -> dict:
         "not_testable": [],
         "provenance": [["mjsim", version("mjsim")], ["mujoco", version("mujoco")], ["numpy", version("numpy")]],
     }
+
+
+def _model_row(e: Effect) -> list[str]:
+    """An effect of the model: id, what it is, and its values."""
+
+    def said(value: Any) -> str:
+        if isinstance(value, (list, tuple)):
+            return f"{len(value)} waves"
+        return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+    return [e.key, e.title, ", ".join(f"{name} = {said(value)}" for name, value in e.values.items())]
 
 
 def _figure_rows(t: ComparedTest) -> list[list[str]]:
@@ -356,7 +369,7 @@ def _single(
     else:
         final = machine
         if bars:
-            problem = checked_problem(campaign, model.build(machine), threads, machine=machine)
+            problem = checked_problem(campaign, machine, threads)
             compared = compare_bars(campaign, machine, threads, progress, problem)
             content = build.compared(problem, compared, threads, progress, day, parts)
     left = [n for n in campaign.measured_parts if n not in sections and not INSTRUMENTS[n].in_motion]

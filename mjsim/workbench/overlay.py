@@ -64,7 +64,7 @@ class OpenCampaign:
             InputError: The traces show a mistake.
         """
         campaign = campaign.in_motion
-        problem = checked_problem(campaign, build(machine), threads, machine=machine) if campaign.measured else None
+        problem = checked_problem(campaign, machine, threads) if campaign.measured else None
         motions = {t.name: m for t, m in zip(campaign.tests, motions_of(campaign.tests), strict=True)}
         background = None
         if problem is not None:

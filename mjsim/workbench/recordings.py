@@ -70,7 +70,7 @@ class RecordingsBench(ChangedModel):
     diagnosis: LogDiagnosis | None
 
     def __init__(self, shared: SharedRecordings) -> None:
-        super().__init__(shared.campaign, shared.machine, shared.text)
+        super().__init__(shared.campaign, shared.machine, shared.text, shared.threads)
         self.shared = shared
 
     @property
@@ -122,7 +122,7 @@ class RecordingsBench(ChangedModel):
             SimulationError: A drive is unstable.
         """
         machine = machine or self.machine
-        result = compare(self.campaign, machine, self.shared.threads)
+        result = compare(self.campaign, machine, self.threads)
         self.ladder.note(machine, result.rms, DRIVES)
         return result
 
@@ -193,7 +193,7 @@ class LogBench(RecordingsBench):
             SimulationError: A drive is unstable.
         """
         machine = self.machine
-        found = log_gains(self.campaign, machine, self.shared.threads, stopped)
+        found = log_gains(self.campaign, machine, self.threads, stopped)
         self.gains, self._gains_of, self.gains_complete = found, machine, True
         return found
 
@@ -231,7 +231,7 @@ class LogBench(RecordingsBench):
             model = start_model(machine, data, read_gains(machine, data))
             for effect in mine:
                 model = model.extended(effect, _entries(effect, len({d.test.setup for d in data})))
-            fitter = LogFitter(machine, data, self.shared.threads)
+            fitter = LogFitter(machine, data, self.threads)
             fits.append(fitter.polished(fitter.fit(model)))
         for fit in fits:
             self.intervals |= parameter_intervals(fit)
@@ -243,7 +243,7 @@ class LogBench(RecordingsBench):
         Args:
             progress: Stage, done, total; what it raises stops the search.
         """
-        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.shared.threads, progress=progress)
+        self.diagnosis = diagnose_logs(self.campaign, self.machine, threads=self.threads, progress=progress)
         return self.diagnosis
 
     def take_fitted(self) -> None:

@@ -62,8 +62,8 @@ class Workbench(ChangedModel):
     diagnosis: Diagnosis | None
 
     def __init__(self, shared: Shared) -> None:
-        super().__init__(shared.opened.campaign, shared.opened.machine, shared.text)
         self.shared, self.opened = shared, shared.opened
+        super().__init__(self.opened.campaign, self.opened.machine, shared.text, self.opened.threads)
 
     @property
     def can_fit(self) -> bool:
@@ -198,7 +198,7 @@ class Workbench(ChangedModel):
         Raises:
             InputError: No test was measured.
         """
-        self.diagnosis = diagnose(self.campaign, self.machine, max_effects, self.opened.threads, progress)
+        self.diagnosis = diagnose(self.campaign, self.machine, max_effects, self.threads, progress)
         return self.diagnosis
 
     def predict(self, run: PartRun) -> Prediction:

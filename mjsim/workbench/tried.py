@@ -126,10 +126,11 @@ class ChangedModel:
         campaign: What was measured.
         machine: The model to begin with.
         text: What the machine file had when it was read.
+        threads: Simulations side by side.
     """
 
-    def __init__(self, campaign: Campaign, machine: Machine, text: str) -> None:
-        self.campaign = campaign
+    def __init__(self, campaign: Campaign, machine: Machine, text: str, threads: int) -> None:
+        self.campaign, self.threads = campaign, threads
         #: What the last diagnosis found; ``None`` before the first.
         self.diagnosis: Any = None
         self._text = text

@@ -28,7 +28,6 @@ from mjsim.inference.mistakes.checked_problem import trusted_problem
 from mjsim.inference.testability import detection_limits
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
-from mjsim.machine.model import build
 from mjsim.simulation.axes import time_grid
 from mjsim.threads import one_blas_thread
 
@@ -177,7 +176,7 @@ def candidates() -> tuple[tuple[int, ...], tuple[float, ...], int]:
     with example() as folder:
         campaign, n = read_campaign(folder), steps(folder)
         machine = machine_of(campaign)
-        fitter = Fitter(trusted_problem(campaign, build(machine), len(os.sched_getaffinity(0))), machine)
+        fitter = Fitter(trusted_problem(campaign, machine, len(os.sched_getaffinity(0))), machine)
         start, every = fitter.fit([], exact=False), signatures.seeds(machine)
         counts, seconds = [], []
         for share in (8, 4, 2, 1):

@@ -19,7 +19,6 @@ from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.signatures import Candidate, SignatureBank, seeds
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.inference.vibration import separate
-from mjsim.machine.model import build
 
 #: Matching pursuit ends where the next signature takes less than this off the sum of squares, in variances of the
 #: noise (assumed: as much as the diagnosis asks of one cause with its competitors).
@@ -47,7 +46,7 @@ class Baselines:
     """The answers of both for one campaign."""
 
     def __init__(self, campaign, machine) -> None:
-        separated = separate(checked_problem(campaign, build(machine), 1), machine)
+        separated = separate(checked_problem(campaign, machine, 1), machine)
         self.problem, self.machine = separated.problem, separated.machine
         self.fit = Fitter(self.problem, self.machine).fit([], exact=False)
         bank = SignatureBank(self.problem, self.fit)

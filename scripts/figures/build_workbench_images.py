@@ -102,7 +102,7 @@ def log_page(path: Path) -> None:
             page.locator("button[aria-label='diagnose']").click()
             page.locator(".card .head").first.wait_for()
             page.get_by_text("show it in the traces").click()
-            page.wait_for_timeout(1500)
+            page.wait_for_timeout(5000)
             page.screenshot(path=path)
 
 

@@ -1,4 +1,4 @@
-"""Axis logs against a machine: errors per axis, and the radial deviation where a circle is stated."""
+"""Axis logs against a machine: errors per axis, and the radial error where a circle is stated."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def compare_bars(
     campaign = campaign.in_motion
     campaign.need_traces("comparing needs at least one measured test")
     plant = build(machine)
-    problem = problem or checked_problem(campaign, plant, threads, keep_motions=False, machine=machine)
+    problem = problem or checked_problem(campaign, machine, threads, keep_motions=False)
     with_phases, begin = phased_at(problem, machine)
     if begin is not None:
         plant, problem = build(with_phases), at_own_noise(problem, with_phases, begin)

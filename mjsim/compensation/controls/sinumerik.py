@@ -138,7 +138,7 @@ class Sinumerik(Control):
             "that your transformation uses.",
             "Kinematic data act with TRAORI only.",
             "Friction compensation (MD32490 to MD32540): constant, for the accelerations of the tests. The tests have "
-            "to be measured with it switched off. Look at a circularity test after every change.",
+            "to be measured with it switched off. Run a circular test after every change.",
         ]
 
 

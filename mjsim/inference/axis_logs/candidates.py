@@ -13,7 +13,7 @@ from mjsim.effects import registry
 from mjsim.inference.axis_logs.data import AxisData
 from mjsim.inference.axis_logs.entries import SHIFT, AxisModel, Entry
 from mjsim.inference.axis_logs.gains import GainsRead, speed_limit, torque_limit
-from mjsim.inference.axis_logs.start import nuisance_entries, only, typical_torque
+from mjsim.inference.axis_logs.start import nuisance_entries, typical_torque
 from mjsim.inference.axis_logs.waves import near
 from mjsim.inference.hypotheses import CAUSE, ORDERS
 from mjsim.machine.effect import Effect
@@ -150,7 +150,7 @@ class Catalogue:
         gear = machine.drives[self.axis].gear
         speeds = [np.abs(np.diff(d.record.command)).max() / d.step for d in data]
         self.speed = max(max(speeds) * gear, _SLOWEST)
-        ran = {d.test.controller or only(machine, self.axis) for d in data}
+        ran = {d.test.controller for d in data}
         self.drives = [machine.under(name).drives[self.axis] for name in ran]
         self.setups = len({d.test.setup for d in data})
         self.step = max(d.step for d in data)

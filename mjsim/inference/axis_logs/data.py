@@ -109,12 +109,16 @@ class AxisData:
 
 
 def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK) -> tuple[AxisData, ...]:
-    """All recordings of one axis in the axis logs of a campaign."""
+    """All recordings of one axis in the axis logs of a campaign, each with the controller that ran: the only one of the
+    axis where a log names none.
+    """
+    names = [name for name, axes in machine.controllers.items() if axis in axes]
+    only = names[0] if len(names) == 1 else None
     out = []
     for test in logs.measured:
         if axis not in test.axes:
             continue
-        recording = logs.traces[test.name]
+        recording, test = logs.traces[test.name], replace(test, controller=test.controller or only)
         record = _with_torque(recording.axes[axis], machine.drives[axis].torque_constant)
         n, step = len(recording.time), recording.step
         size = max(1, round(block / step), -(-n // _MOST))

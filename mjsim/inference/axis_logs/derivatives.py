@@ -149,7 +149,7 @@ def _shows(fitter: Simulator, model: AxisModel, j: int, k: int) -> bool:
     """Whether an entry of the vector changes recording ``k``."""
     e, d = model.entries[j], fitter.data[k]
     if e.owner == CONTROLLER:
-        return e.where == (d.test.controller or next(iter(model.machine.controllers)))
+        return e.where == d.test.controller
     if e.owner == PHASE:
         return e.where == d.test.setup
     if e.owner == PER_TORQUE:

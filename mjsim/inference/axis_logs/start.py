@@ -145,7 +145,7 @@ def sheet_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry, ..
         value = getattr(drive, name)
         if value > 0.0:
             out.append(_positive(DRIVE, name, value, deviation_of(machine, name)))
-    for controller in dict.fromkeys(d.test.controller or only(machine, axis) for d in data):
+    for controller in dict.fromkeys(d.test.controller for d in data):
         if controller is None:
             for name in ("position_gain", "velocity_gain", "integral_time"):
                 out.append(_positive(DRIVE, name, getattr(drive, name), deviation_of(machine, name)))
@@ -164,12 +164,6 @@ def sheet_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry, ..
     return tuple(out)
 
 
-def only(machine: Machine, axis: str) -> str | None:
-    """Name of the only controller of an axis, where there is one."""
-    names = [name for name, axes in machine.controllers.items() if axis in axes]
-    return names[0] if len(names) == 1 else None
-
-
 def _positive(owner: str, name: str, value: float, deviation: float, where: str = "") -> Entry:
     far = math.exp(_FARTHEST * deviation)
     return Entry(owner, name, value, where, deviation, log=True, lower=value / far, upper=value * far)
@@ -185,7 +179,7 @@ def nuisance_entries(machine: Machine, data: Sequence[AxisData]) -> tuple[Entry,
         limit = MOST_SHIFT * wide * d.step
         out.append(Entry(SHIFT, SHIFT, 0.0, d.name, wide, scale=d.step, lower=-limit, upper=limit))
         out.append(Entry(ZERO, ZERO, 0.0, d.name, 1.0, scale=_ZERO * d.resolution))
-        drive = machine.under(d.test.controller or only(machine, d.axis)).drives[d.axis]
+        drive = machine.under(d.test.controller).drives[d.axis]
         if np.isfinite(drive.integral_time) and drive.control.law is None:
             torque = typical_torque(machine, data)
             out.append(Entry(START_TORQUE, START_TORQUE, 0.0, d.name, 1.0, scale=torque))

@@ -12,49 +12,48 @@ from mjsim.inference.mistakes.recognise import find_mistakes
 from mjsim.inference.problem import Problem
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.instruments.base import INSTRUMENTS
-from mjsim.machine.model import Machine
-from mjsim.machine.plant import Plant
+from mjsim.machine.model import Machine, build
 from mjsim.threads import one_blas_thread
 
 
 @one_blas_thread
 def checked_problem(
     campaign: Campaign,
-    plant: Plant,
+    machine: Machine,
     threads: int = 2,
     block: float | None = None,
     keep_motions: bool = True,
     settings: DiagnosisSettings = DIAGNOSIS,
-    machine: Machine | None = None,
 ) -> Problem:
     """A problem whose traces were looked at, without disturbances. A campaign that is to be taken ``as_is`` is not
     looked at.
 
     Args:
         campaign: With at least one measured test.
-        plant: Of the machine as given.
+        machine: As given.
         threads: Tests that are worked on side by side.
         block: Length of an averaging block, s; otherwise by the tests' feeds.
         keep_motions: Without it, a test's motions are kept for one model only: a fifth of the memory.
         settings: What decides in a diagnosis.
-        machine: As given, where the sense of its axes is to be looked at too.
 
     Raises:
-        InputError: The data say that a sign, a unit, a direction or the order of traces is wrong.
+        InputError: The data say that a sign, a unit, a direction, the order of traces or the sense of an axis is wrong.
     """
+    plant = build(machine)
     problem = Problem.of(campaign, plant, threads, block, keep_motions, settings)
     readings = problem.readings(plant)
     if not campaign.as_is:
         _refuse_own(problem.campaign)
-        refuse(campaign, find_mistakes(problem, plant, readings, machine=machine).mistakes)
+        refuse(campaign, find_mistakes(problem, machine, readings).mistakes)
     return without_disturbances(problem, readings)
 
 
 @one_blas_thread
 def trusted_problem(
-    campaign: Campaign, plant: Plant, threads: int = 2, settings: DiagnosisSettings = DIAGNOSIS
+    campaign: Campaign, machine: Machine, threads: int = 2, settings: DiagnosisSettings = DIAGNOSIS
 ) -> Problem:
     """As :func:`checked_problem`, for a campaign that is not looked at again."""
+    plant = build(machine)
     problem = Problem.of(campaign, plant, threads, settings=settings)
     return without_disturbances(problem, problem.readings(plant))
 

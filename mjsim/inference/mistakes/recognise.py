@@ -22,7 +22,6 @@ from mjsim.inference.samples import make_samples
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.machine.model import Machine, build
-from mjsim.machine.plant import Plant
 from mjsim.threads import one_blas_thread
 
 
@@ -209,21 +208,17 @@ def recognise(campaign: Campaign, machine: Machine, threads: int = 2, settings: 
     """
     plant = build(machine)
     problem = Problem.of(campaign, plant, threads, keep_motions=False)
-    return find_mistakes(problem, plant, problem.readings(plant), settings, machine)
+    return find_mistakes(problem, machine, problem.readings(plant), settings)
 
 
 def find_mistakes(
-    problem: Problem,
-    plant: Plant,
-    readings: list[np.ndarray],
-    settings: MistakeSettings = MISTAKES,
-    machine: Machine | None = None,
+    problem: Problem, machine: Machine, readings: list[np.ndarray], settings: MistakeSettings = MISTAKES
 ) -> Findings:
-    """The same for a problem whose samples are as given, with the plant of the machine as given and its readings.
+    """The same for a problem whose samples are as given, with the readings of the machine as given.
 
-    The sense of the axes is looked at where the machine is given too. Tests without a ball bar are left out: their
-    instrument looks for its own mistakes.
+    Tests without a ball bar are left out: their instrument looks for its own mistakes.
     """
+    plant = build(machine)
     bars = [k for k, t in enumerate(problem.tests) if not t.component]
     if not bars:
         return Findings((), ())
@@ -243,7 +238,7 @@ def find_mistakes(
         return other[k]
 
     everywhere = _shared_mistake(state, given, reversed_run)
-    senses = sense_mistakes(state, machine) if machine is not None and not everywhere else []
+    senses = [] if everywhere else sense_mistakes(state, machine)
     mistakes = (everywhere,) if everywhere else (*senses, *_others(state, senses, reversed_run))
     return Findings(mistakes, tests)
 

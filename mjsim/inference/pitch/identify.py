@@ -20,7 +20,7 @@ from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Chain
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
@@ -76,7 +76,7 @@ def identify_pitch_errors(
     for axis in tested:
         bare = bare.without(f"pitch_error.{axis}")
     progress("reading the tests", 0, 5)
-    problem = checked_problem(campaign, build(bare), threads, block=_block(campaign, tested))
+    problem = checked_problem(campaign, bare, threads, block=_block(campaign, tested))
     model = PitchModel(problem, bare, settings)
     directions = [w for a in tested for w in turn_directions(problem, a, machine.drives[a].gear)]
     model.use = sorted(k for w in directions for k in w.tests)

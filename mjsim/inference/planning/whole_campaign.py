@@ -84,9 +84,9 @@ def told_sentences(data: dict) -> list[str]:
     Args:
         data: JSON of the plan.
     """
-    told = ", ".join(data["told"]) or "nothing"
+    told = _by_kind(data["told"]) or "nothing"
     alike = ", ".join(f"{a['id']} ({a['like']})" for a in data["alike"])
-    hidden = ", ".join(data["hidden"])
+    hidden = _by_kind(data["hidden"])
     out = [f"Tells from everything else, in its typical size: {told}."]
     if alike:
         out.append(f"Shows, but may be taken for what stands in brackets: {alike}.")
@@ -95,6 +95,14 @@ def told_sentences(data: dict) -> list[str]:
     out.append("Periodic errors are not judged here, because their orders are not known before: pitch errors, torque "
                "ripple, vibration.")  # fmt: skip
     return out
+
+
+def _by_kind(ids: Sequence[str]) -> str:
+    """Ids of effects, each kind with all its subjects."""
+    kinds: dict[str, list[str]] = {}
+    for kind, _, subject in (i.partition(".") for i in ids):
+        kinds.setdefault(kind, []).append(subject)
+    return "; ".join(f"{kind} {', '.join(subjects)}" for kind, subjects in kinds.items())
 
 
 class CampaignPlanner:

@@ -9,9 +9,9 @@ and symbols, paraphrased, follow the edition of 2005 as commonly cited; the text
 * radial error **F**, as ``Fmax`` and ``Fmin``: deviation of the actual path from the nominal path, positive away from
   the centre. The
   nominal centre is the one found by least squares, which the standard allows for full circles only.
-* bidirectional circular error **G(b)**: the same separation for two actual paths together, one run clockwise and one
+* bi-directional circular error **G(b)**: the same separation for two actual paths together, one run clockwise and one
   counter-clockwise, about their common least-squares centre.
-* mean bidirectional radial error **D**: radius of the least-squares circle of both paths together minus the nominal
+* mean bi-directional radial error **D**: radius of the least-squares circle of both paths together minus the nominal
   radius.
 
 The bar reads along the radius, so a centre offset of a few µm on a circle of many mm shows as ``cx·cos φ + cy·sin φ``

@@ -9,12 +9,14 @@ from nicegui import background_tasks, run, ui
 from nicegui.events import KeyEventArguments
 
 from mjsim.errors import InputError, SimulationError
+from mjsim.progress import Progress
 from mjsim.units import UM
 from mjsim.workbench.jobs import Stopped
 from mjsim.workbench.live import Live, RecordingsLive
 from mjsim.workbench.overlay import MULTIBODY
 from mjsim.workbench.page.effects import EffectsPanel
 from mjsim.workbench.page.findings import JobPanel
+from mjsim.workbench.tried import ChangedModel
 
 # -- the ladder on the page --------------------------------------------------------------------------------------------
 
@@ -99,7 +101,7 @@ class BaseDesk:
     # -- what a subclass says ------------------------------------------------------------------------------------------
 
     def more_buttons(self) -> None:
-        """Buttons behind "save"."""
+        """Buttons behind "report"."""
 
     def actions(self) -> dict[str, Callable[[], Any]]:
         """What further keys do."""
@@ -138,6 +140,7 @@ class BaseDesk:
                 self._button("auto_graph", "fit all", self.fit_all, "Fit all effects that were put in (A)", True)
                 self._button("troubleshoot", "diagnose", self.diagnose, "Search for what the model lacks (D)", True)
                 self.save_button = self._button("save", "save", self.save, "Write to the machine file (S)", True)
+                self._button("description", "report", self._report, "Report of the present model")
                 self.more_buttons()
                 self._button("dark_mode", "light or dark", self._toggle_dark, "Light or dark (L)")
                 self._button("keyboard", "keys", self._show_keys, "Keys")
@@ -248,6 +251,12 @@ class BaseDesk:
                 self.changed()
         dialog.delete()
 
+    async def _report(self) -> None:
+        bench = self.live.bench
+        page = await self.work("report", lambda progress: report_of(bench, progress))
+        if page:
+            ui.download.content(page, f"{bench.campaign.name}-report.html")
+
     def _toggle_dark(self) -> None:
         self.dark.value = not self.dark.value
         self.darken(bool(self.dark.value))
@@ -288,3 +297,15 @@ class BaseDesk:
             "l": self._toggle_dark,
             **self.actions(),
         }
+
+
+def report_of(bench: ChangedModel, progress: Progress) -> bytes:
+    """The report of the present model, without a new diagnosis.
+
+    Raises:
+        InputError: The extra "report" is not installed, or nothing was measured.
+    """
+    from mjsim.report.write import report  # slow to load
+
+    result = report(bench.campaign, bench.machine, diagnosed=False, threads=bench.threads, progress=progress)
+    return result.html.encode()

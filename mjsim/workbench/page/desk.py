@@ -71,9 +71,8 @@ class Desk(BaseDesk):
         self.begin()
 
     def more_buttons(self) -> None:
-        """Part, report and video."""
+        """Part and video."""
         self._button("category", "part", self._part, "Predict the error of a part (W)")
-        self._button("description", "report", self._report, "Report of the present model")
         self._button("movie", "video", self._video, "Video of the shown test")
 
     def actions(self) -> dict[str, Callable[[], Any]]:
@@ -124,11 +123,6 @@ class Desk(BaseDesk):
     def _part(self) -> None:
         self.part.open(bool(self.dark.value))
 
-    async def _report(self) -> None:
-        page = await self.work("report", lambda progress: report_of(self.live.bench, progress))
-        if page:
-            ui.download.content(page, f"{self.live.bench.campaign.name}-report.html")
-
     async def _video(self) -> None:
         name = self.traces.name
         film = await self.work("video", lambda progress: video_of(self.live.bench, name, progress))
@@ -145,18 +139,6 @@ class Desk(BaseDesk):
         self.machine.darken(dark)
 
 
-def report_of(bench: Workbench, progress: Progress) -> bytes:
-    """The report of the present model, without a new diagnosis.
-
-    Raises:
-        InputError: The extra "report" is not installed, or nothing was measured.
-    """
-    from mjsim.report.write import report  # slow to load
-
-    result = report(bench.campaign, bench.machine, diagnosed=False, threads=bench.opened.threads, progress=progress)
-    return result.html.encode()
-
-
 def video_of(bench: Workbench, name: str, progress: Progress) -> bytes:
     """A video of one test with the present model, MP4.
 
@@ -168,5 +150,5 @@ def video_of(bench: Workbench, name: str, progress: Progress) -> bytes:
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "film.mp4"
-        animate(bench.campaign, name, file, bench.machine, threads=bench.opened.threads, progress=progress)
+        animate(bench.campaign, name, file, bench.machine, threads=bench.threads, progress=progress)
         return file.read_bytes()

@@ -76,22 +76,20 @@ class JobPanel:
                 ui.button(icon="close", on_click=self.clear).props('dense flat aria-label="Close the diagnosis"')
             ui.label(residual).classes("soft")
 
-    def doubts(self, found: DiagnosedEffect, worse: str = "worse") -> None:
+    def doubts(self, found: DiagnosedEffect) -> None:
         """Draw what a finding cannot be told from and what was tried in its place."""
         if found.how_probable:
             ui.label(found.how_probable).classes("soft")
         if found.alternatives:
             ui.label(f"cannot be told from {', '.join(found.alternatives)}").classes("problem")
-        near = sorted(found.rejected.items(), key=lambda row: row[1])[:3]
-        if near:
-            others = ", ".join(f"{name} ({worse} by {float(f'{less:.3g}'):g})" for name, less in near)
-            ui.label(f"was tried in its place: {others}").classes("soft")
+        if found.reached:
+            others = ", ".join(f"{name} reaches {100.0 * r:.0f} %" for name, r in list(found.reached.items())[:3])
+            ui.label(f"in its place, of what it explains: {others}").classes("soft")
 
     def card(
         self,
         found: DiagnosedEffect,
         error: str,
-        worse: str = "worse",
         tests: bool = True,
         budget: Sequence[Budget] = (),
     ) -> None:
@@ -100,23 +98,23 @@ class JobPanel:
         Args:
             found: The finding.
             error: What it does to the error, in words.
-            worse: What of a competitor is larger.
             tests: Say in which tests it shows.
             budget: Where the uncertainty of all numbers comes from.
         """
         effect = found.effect
         with ui.element("div").classes("card").mark(f"finding {effect.id}"):
             ui.label(f"{effect.key}: {catalogue.words(effect, found.ci95)}").classes("head")
+            words = {p.name: catalogue.spoken(p) for p in effect.parameters_of(effect.subject)}
             for p in effect.parameters_of(effect.subject):
                 ci = found.ci95.get(p.name)
                 if ci and p.kind != "components":
                     ui.label(f"{catalogue.spoken(p)} 95 %: {interval(ci)} {p.unit}".rstrip())
             for b in (b for b in budget if b.effect_id == effect.id):
-                ui.label(f"uncertainty of {b.number}: {b.sentence}").classes("soft")
+                ui.label(f"uncertainty of {words.get(b.number, b.number)}: {b.sentence}").classes("soft")
             if found.together is not None:
                 ui.label(found.together.sentence).classes("soft")
             ui.label(f"RMS {error}")
-            self.doubts(found, worse)
+            self.doubts(found)
             if tests and found.tests:
                 ui.label(f"shows in {', '.join(found.tests[:4])}{' …' if len(found.tests) > 4 else ''}").classes("soft")
             with ui.element("div").style("display: flex; gap: 6px"):
@@ -144,7 +142,7 @@ class FindingsPanel(JobPanel):
             share = result.shares.get(found.effect.key) or result.shares.get(found.effect.id)
             explained = f", {100 * share:.0f} % of what is explained" if share else ""
             error = f"{found.rms_before / UM:.3f} → {found.rms_after / UM:.3f} µm{explained}"
-            self.card(found, error, "χ² worse", budget=result.budget)
+            self.card(found, error, budget=result.budget)
         if result.unexplained is not None:
             with ui.element("div").classes("card").mark("unknown"):
                 ui.label(f"Unknown cause: {', '.join(result.unexplained.axes)} axis").classes("head")

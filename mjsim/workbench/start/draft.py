@@ -6,10 +6,8 @@ It is a whole campaign in a folder of its own, made by the same functions as ``m
 
 from __future__ import annotations
 
-import io
 import shutil
 import tempfile
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,9 +49,8 @@ from mjsim.io.files import check_writable, write_all, write_whole
 from mjsim.io.toml import parse, read_text
 from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import Machine
-from mjsim.nc.limits import model_limits
 from mjsim.nc.write import Options as NcOptions
-from mjsim.nc.write import nc_program
+from mjsim.nc.write import zipped_programs
 
 #: Instruments that a campaign is started for, and what the user calls them.
 INSTRUMENTS = {
@@ -61,10 +58,9 @@ INSTRUMENTS = {
     SphereReading.instrument: "an R-test",
     LogTest.instrument: "the control (axis logs)",
 }
-#: Endings of NC programs, and of the files that are written for each control.
+#: Endings of NC programs, and whose they are where it is not Fanuc.
 PROGRAMS = (".nc", ".ngc", ".tap", ".mpf", ".spf", ".h", ".cnc", ".eia", ".min")
 _DIALECT = {".mpf": "siemens", ".spf": "siemens", ".ngc": "linuxcnc", ".h": "heidenhain"}
-_ENDING = {"fanuc": ".nc", "siemens": ".mpf", "linuxcnc": ".ngc"}
 #: Largest file that may be dropped, bytes.
 LARGEST = 200_000_000
 
@@ -516,15 +512,10 @@ class Draft:
             InputError: There is no test, or an axis would leave its travel.
         """
         campaign, machine = self.campaign, self._machine()
-        tests = {t.recording: t for t in campaign.in_motion.tests} if campaign is not None else {}
+        tests = campaign.in_motion.tests if campaign is not None else ()
         if not tests:
             raise InputError("There is no test yet; take over a plan, or drop a trace.")
-        out = io.BytesIO()
-        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
-            for number, (name, test) in enumerate(tests.items(), start=1):
-                written = nc_program(test, NcOptions(dialect, number=number), model_limits(test.chain), machine.name)
-                archive.writestr(f"{name}{_ENDING[dialect]}", written.text)
-        return out.getvalue()
+        return zipped_programs(tests, NcOptions(dialect), machine=machine.name)
 
     def write(self, target: str) -> Path:
         """Write the campaign where the user wants it; all of it, or nothing.

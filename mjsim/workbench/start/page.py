@@ -33,7 +33,9 @@ from mjsim.workbench.start.recent import recent, remember
 
 # -- A small picture of what a dropped file holds ----------------------------------------------------------------------
 
-_WIDE, _HIGH = 240.0, 84.0
+_WIDE, _HIGH = 240.0, 88.0
+#: Where the middle of a line is; the words stand below.
+_ZERO = 36.0
 _PARTS = 220
 #: Radius of the nominal circle of a polar picture, and of its rim.
 _NOMINAL, _RIM = 26.0, 38.0
@@ -73,8 +75,8 @@ def preview_of_series(name: str, time: np.ndarray, value: np.ndarray, unit: str)
 def _line(time: np.ndarray, value: np.ndarray, largest: float) -> str:
     place, thin = thinned(time, value, _PARTS)
     x = (place - time[0]) / max(float(np.ptp(time)), 1e-9) * _WIDE
-    y = 0.5 * _HIGH - thin / largest * 0.42 * _HIGH
-    middle = f'<line class="grid" x1="0" y1="{0.5 * _HIGH}" x2="{_WIDE}" y2="{0.5 * _HIGH}"/>'
+    y = _ZERO - thin / largest * 0.38 * _HIGH
+    middle = f'<line class="grid" x1="0" y1="{_ZERO}" x2="{_WIDE}" y2="{_ZERO}"/>'
     return middle + f'<path class="measured" d="{_joined(x, y)}"/>'
 
 
@@ -486,6 +488,7 @@ class StartPage:
                 if said.text:
                     choice.value = self.draft.instrument
                 self._bar.visible = choice.value == BallBarTest.instrument
+                self._limits.visible = choice.value != LogTest.instrument
                 self._planner = self._plan = None
                 self._draw_tests()
 
@@ -672,6 +675,7 @@ class StartPage:
     async def _brought_in(self, bring: Callable[[], Any]) -> None:
         """A form was filled in."""
         await self._work(self._dropped_said, bring)
+        self._dropped_words.text = ""
         self._draw_files()
         await self._check()
 
@@ -707,16 +711,17 @@ class StartPage:
             return preview_of_trace(test, trace)
         axis, record = next(iter(trace.axes.items()))
         rotary = test.chain.is_rotary(axis)
-        size, unit = (DEG, "°") if rotary else (UM, "µm")
-        return preview_of_series(
-            f"{axis}: position less command", trace.time, (record.actual - record.command) / size, unit
-        )
+        error = record.actual - record.command
+        size, unit = (DEG, "°") if rotary else (MM, "mm") if np.ptp(error) > MM else (UM, "µm")
+        return preview_of_series(f"{axis}: position less command", trace.time, error / size, unit)
 
     # -- limits, and the end -------------------------------------------------------------------------------------------
 
     def _limits_step(self) -> None:
+        self._limits = ui.element("div").classes("panel step")
+        self._limits.visible = self.draft.instrument != LogTest.instrument
         with (
-            ui.element("div").classes("panel step"),
+            self._limits,
             ui.expansion("4. Limits, if the machine is to be accepted").props("dense").style("font-size: 14px"),
         ):
             ui.label("ISO 230-4 figures of circular tests are held against them, with the uncertainty of the bar.")
