@@ -20,6 +20,7 @@ from mjsim.inference.mistakes.checked_problem import trusted_problem
 from mjsim.inference.samples import GRID, Samples
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, feasible_share
 from mjsim.inference.spectrum import spectral_candidates
+from mjsim.inference.unexplained import describe
 from mjsim.inference.vibration import separate
 from mjsim.instruments.ball_bar.measurement import Trace
 from mjsim.io.resources import examples
@@ -362,6 +363,21 @@ def test_beside_an_unknown_cause_nothing_is_named_that_its_curve_may_be():
     found = explain(separate(dataclasses.replace(problem, samples=tuple(creeping)), machine))
     assert (found.verdict, found.selection.found) == ("unknown", [])
     assert (found.unexplained.axes, found.unexplained.variable) == (("X",), "time_since_reversal")
+
+
+def test_what_tests_leave_open_of_an_unknown_cause_is_told_with_its_probability():
+    machine, problem = two_cones()
+    fit = Fitter(problem, machine).fit([])
+    position, speed = (
+        next(t for t in CurveTerms(problem, fit).of("C", "C") if t.variable == v) for v in ("position", "velocity")
+    )
+    position.coefficients, position.precision = np.cos(position.knots), np.eye(len(position.knots))
+    told = describe(problem, fit, position, 0.6, [(speed, 0.35)])
+    assert (told.probability, told.alternatives) == (0.6, ((("C",), "velocity", 0.35),))
+    assert (
+        "60 % sure; these tests leave open that it acts on the C axis and depends on its velocity (35 %)"
+        in told.summary
+    )
 
 
 def two_cones():

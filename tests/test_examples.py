@@ -156,17 +156,6 @@ def test_two_candidates_are_both_named(diagnosed):
     assert {effect["id"], *effect["alternative_ids"]} >= {"servo_gain.C", "servo_delay.C"}
 
 
-def test_what_tests_in_one_direction_leave_open_of_an_unknown_cause_is_told(tmp_path):
-    """Where C turns one way only, its position and the time since it last turned back are the same thing."""
-    tests = ("cone15-y50-ccw", "cone15-x50-ccw", "cone15-parallel-ccw")
-    unknown = run("diagnose", cut(tmp_path / "campaign", tests, example="unlisted"))["unexplained"]
-    told = {unknown["variable"]: unknown["probability"]}
-    told |= {row["variable"]: row["probability"] for row in unknown["alternatives"] if row["axes"] == ["C"]}
-    assert set(told) == {"position", "time_since_reversal"}
-    assert min(told.values()) > 0.05 and 0.95 < sum(told.values()) <= 1.0
-    assert "these tests leave open that it acts on the C axis" in unknown["summary"]
-
-
 def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     """docs/unknown-cause.md: unknown, described, own effect, noise floor."""
     folder = cut(tmp_path / "campaign", PARTS["unlisted"], example="unlisted")
@@ -175,7 +164,8 @@ def test_an_unknown_cause_is_described_and_an_own_effect_explains_it(tmp_path):
     assert (data["verdict"], data["effects"]) == ("unknown", [])
     assert (unknown["axes"], unknown["variable"]) == (["C"], "position")
     assert unknown["left_um"] < 1.5 * data["noise_um"] < unknown["rms_um"]
-    assert "The curve is flat but for a step of +0.0045° at -3" in unknown["summary"]
+    height, place = re.search(r"flat but for a step of \+([\d.]+)° at (-[\d.]+)°", unknown["summary"]).groups()
+    assert float(height) == pytest.approx(0.0045, rel=0.1) and float(place) == pytest.approx(-300.0, abs=3.0)
     for written in (unknown["effect_file"], unknown["plot"]):
         assert (folder / ".mjsim").joinpath(written.rpartition("/")[2]).stat().st_size > 1000
     sized = cut(tmp_path / "sized", SIZED, example="unlisted")  # the step's size needs more tests than its place
