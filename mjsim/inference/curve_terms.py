@@ -156,14 +156,13 @@ class CurveTerms:
         return self.problem.shift(k, self.fit.nuisance)
 
     def _sensitivity(self, k: int) -> dict[str, np.ndarray]:
-        s, shift, fine = self.problem.samples[k], self._shift(k), self._sensitivity_on_grid(k)
-        return {name: s.sample(column, shift) for name, column in fine.items()}
+        s, shift = self.problem.samples[k], self._shift(k)
+        return {name: s.sample(self._along(k, name), shift) for name in (*self.chain.letters, *TABLE)}
 
-    def _sensitivity_on_grid(self, k: int) -> dict[str, np.ndarray]:
-        """Derivatives of the reading of a test, on the GRID, by what is displaced."""
+    def _along(self, k: int, moves: str) -> np.ndarray:
+        """Derivative of the reading of a test, on the GRID, by what is displaced."""
         sens = self.problem.sensitivity[k]
-        rows = np.column_stack([sens.axes, sens.table])
-        return {name: rows[:, i] for i, name in enumerate((*self.chain.letters, *TABLE))}
+        return sens.table[:, TABLE.index(moves)] if moves in TABLE else sens.axes[:, self.chain.index(moves)]
 
     def moving(self) -> list[str]:
         """Axes that move in some test."""
@@ -258,7 +257,7 @@ class CurveTerms:
             weights = [s[moves] * unit_of(moves) for s in self.sensitivities]
             yield CurveTerm(axis, moves, variable, knots, period, HatColumns(values, weights, knots, period))
             return
-        weights = [self._sensitivity_on_grid(k)[moves] * unit_of(moves) for k in range(len(self.on_grid))]
+        weights = [self._along(k, moves) * unit_of(moves) for k in range(len(self.on_grid))]
         if variable in SIGNED:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]

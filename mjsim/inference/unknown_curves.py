@@ -111,16 +111,6 @@ class Curve:
 
 def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
     """The priors of a curve and their roots (knots, k), each of variance about one."""
-    for name, root in _priors_of(term):
-        yield name, _over_play(term, root)
-
-
-def _over_play(term: CurveTerm, root: np.ndarray) -> np.ndarray:
-    """What stays long after a reversal is play, so a curve of the time since then ends at zero."""
-    return root - root[-1] if term.variable == "time_since_reversal" else root
-
-
-def _priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
     k = len(term.knots)
     if term.period:
         n, apart = np.arange(k // 2 + 1), (np.arange(k)[:, None] - np.arange(k)) % k
@@ -130,8 +120,13 @@ def _priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
             yield name, _root(at[apart] / spectrum.sum())
     else:
         apart = np.abs(np.arange(k)[:, None] - np.arange(k)) / (k - 1.0)
-        yield "smooth", _root(np.exp(-0.5 * (apart / _LENGTH) ** 2))
-        yield "rough", _root(np.exp(-apart / _LENGTH))
+        yield "smooth", _over_play(term, _root(np.exp(-0.5 * (apart / _LENGTH) ** 2)))
+        yield "rough", _over_play(term, _root(np.exp(-apart / _LENGTH)))
+
+
+def _over_play(term: CurveTerm, root: np.ndarray) -> np.ndarray:
+    """What stays long after a reversal is play, so a curve of the time since then ends at zero."""
+    return root - root[-1] if term.variable == "time_since_reversal" else root
 
 
 def steps_of(term: CurveTerm) -> np.ndarray:
