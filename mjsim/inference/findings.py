@@ -36,7 +36,7 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
-from mjsim.inference.unknown_curves import FINER, LONGEST, WIDTHS, Curve, best_curves
+from mjsim.inference.unknown_curves import FINER, LONGEST, Curve, best_curves
 from mjsim.inference.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
@@ -292,13 +292,14 @@ class Reader(ABC, Generic[D]):
         return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown)
 
     def _sizes(self, fit: Fit) -> dict[str, float]:
-        """Probability of every effect of a model, by key, that it is there and larger than its class allows. Of an
-        unknown cause nothing is known: an effect is only named for what no curve of it can say, however large.
+        """Probability of every effect of a model, by key, that it is there and larger than its class allows. Beside an
+        unknown cause an effect is only named for what no curve can say that is as large at any place as at its largest.
         """
         sizes, curves = self.of_class.sizes(fit), self.model.curves
         if not curves:
             return sizes
-        problem = self.search.problem_of(self.model.sizes, [replace(c, width=WIDTHS[-1]) for c in curves])
+        wide = [replace(c, width=max(c.width, c.largest)) for c in curves]
+        problem = self.search.problem_of(self.model.sizes, wide)
         fitter = self.search.fitter.with_problem(problem)
         free = fitter.fit(fit.effects, start=fit, exact=True, iterations=1, fresh=False)
         sizes = {key: min(p, sizes[key]) for key, p in self.of_class.sizes(free).items()}

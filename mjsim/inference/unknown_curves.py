@@ -55,6 +55,7 @@ class Curve:
         columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
         log_odds: Logarithm of its prior odds.
         width: Prior standard deviation where it is in the model; 0 where it is not.
+        largest: Its largest value where it is in the model, in units of 1 µm or 10 µrad.
         readings: What it adds to each test where it is in the model, (m,) m.
     """
 
@@ -64,6 +65,7 @@ class Curve:
     columns: np.ndarray
     log_odds: float
     width: float = 0.0
+    largest: float = 0.0
     readings: tuple[np.ndarray, ...] = ()
 
     @property
@@ -106,7 +108,8 @@ class Curve:
             x: Estimate of its coefficients, (k,).
         """
         values, columns = self.root @ x, self.term.columns
-        return replace(self, width=width, readings=tuple(columns.sparse(k) @ values for k in range(len(columns))))
+        readings = tuple(columns.sparse(k) @ values for k in range(len(columns)))
+        return replace(self, width=width, largest=float(np.abs(values).max()), readings=readings)
 
 
 def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
