@@ -99,6 +99,11 @@ class CurveTerm:
         return self.variable in SIGNED
 
     @property
+    def settles(self) -> bool:
+        """Whether its curve ends at zero: what stays long after a reversal is play."""
+        return self.variable == "time_since_reversal"
+
+    @property
     def unit(self) -> float:
         """Size of a coefficient of 1, m or rad."""
         return unit_of(self.moves)
@@ -254,14 +259,14 @@ class CurveTerms:
         if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
             return
         if variable in SLOW:
-            weights = [s[moves] * unit_of(moves) for s in self.sensitivities]
-            yield CurveTerm(axis, moves, variable, knots, period, HatColumns(values, weights, knots, period))
-            return
-        weights = [self._along(k, moves) * unit_of(moves) for k in range(len(self.on_grid))]
+            weights, averages = [s[moves] * unit_of(moves) for s in self.sensitivities], None
+        else:
+            weights = [self._along(k, moves) * unit_of(moves) for k in range(len(self.on_grid))]
+            averages = self._averages
         if variable in SIGNED:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
-        columns = HatColumns(values, weights, knots, period, self._averages)
+        columns = HatColumns(values, weights, knots, period, averages)
         yield CurveTerm(axis, moves, variable, knots, period, columns)
 
     def _values(self, axis: str, variable: str) -> list[np.ndarray]:

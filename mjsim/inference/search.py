@@ -183,12 +183,14 @@ def _best_singles(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]
         here: What is in it.
         judged: What each level says.
     """
+    curves = np.array([h.curve is not None for h in hypotheses.all])
     best: dict[bool, Promised] = {}
     for level, (evidence, odds, width) in enumerate(judged):
-        for g in np.argsort(-odds):
-            promise, is_curve = evidence - judged[0].evidence + float(odds[g]), hypotheses.all[g].curve is not None
-            if np.isfinite(promise) and promise > (best[is_curve][0] if is_curve in best else LEAST):
-                best[is_curve] = promise, {**here, int(g): float(width[g])}, level
+        for is_curve in (False, True):
+            g = int(np.argmax(np.where(curves == is_curve, odds, -np.inf)))
+            promise = evidence - judged[0].evidence + float(odds[g])
+            if curves[g] == is_curve and promise > (best[is_curve][0] if is_curve in best else LEAST):
+                best[is_curve] = promise, {**here, g: float(width[g])}, level
     return sorted(best.values(), key=lambda row: -row[0])
 
 

@@ -90,10 +90,10 @@ class Curve:
 
     @property
     def over_mean(self) -> np.ndarray:
-        """Root of its values over their mean, which set-up and locations can take up, (knots, k). One of the time since
-        a reversal has no mean that anything takes up.
+        """Root of its values over their mean, which set-up and locations can take up, (knots, k). One that settles has
+        no mean that anything takes up.
         """
-        return self.root if self.term.variable == "time_since_reversal" else self.root - self.root.mean(axis=0)
+        return self.root if self.term.settles else self.root - self.root.mean(axis=0)
 
     @property
     def widths(self) -> np.ndarray:
@@ -123,20 +123,20 @@ def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
             yield name, _root(at[apart] / spectrum.sum())
     else:
         apart = np.abs(np.arange(k)[:, None] - np.arange(k)) / (k - 1.0)
-        yield "smooth", _over_play(term, _root(np.exp(-0.5 * (apart / _LENGTH) ** 2)))
-        yield "rough", _over_play(term, _root(np.exp(-apart / _LENGTH)))
+        yield "smooth", _settled(term, _root(np.exp(-0.5 * (apart / _LENGTH) ** 2)))
+        yield "rough", _settled(term, _root(np.exp(-apart / _LENGTH)))
 
 
-def _over_play(term: CurveTerm, root: np.ndarray) -> np.ndarray:
-    """What stays long after a reversal is play, so a curve of the time since then ends at zero."""
-    return root - root[-1] if term.variable == "time_since_reversal" else root
+def _settled(term: CurveTerm, root: np.ndarray) -> np.ndarray:
+    """The root of a prior of a curve, which ends at zero where it settles."""
+    return root - root[-1] if term.settles else root
 
 
 def steps_of(term: CurveTerm) -> np.ndarray:
     """Root of the prior of a walk of steps, one at each knot, whose variance is about one, (knots, knots)."""
     k = len(term.knots)
     walk = np.tril(np.ones((k, k)))
-    return _over_play(term, (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k))
+    return _settled(term, (walk - walk.mean(axis=0)) * math.sqrt(6.0 / k))
 
 
 def lobes_of(term: CurveTerm, lobes: int) -> np.ndarray:

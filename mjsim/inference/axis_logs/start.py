@@ -56,9 +56,8 @@ def start_model(
     machine = sampled_as_read(machine, axis, gains)
     sheet = {e.label: e for e in sheet_entries(machine, data)}
     for e in shared:
-        if (
-            own := sheet.get(e.label)
-        ) is not None:  # another instrument moves no number farther than a cause of its own
+        own = sheet.get(e.label)
+        if own is not None:  # another instrument moves no number farther than a cause of its own
             sheet[e.label] = replace(e, lower=max(e.lower, own.lower), upper=min(e.upper, own.upper))
         elif e.owner != DRIVE:
             sheet[e.label] = e
