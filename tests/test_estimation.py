@@ -350,18 +350,35 @@ def test_a_generic_curve_finds_the_axis_and_the_variable():
     assert 0.1 * planted < told.rms < planted  # the set-up takes its share
 
 
+def with_creep(machine, problem, *effects):
+    """Tests of a machine with a creep after each reversal of X, by the independent generator, and further effects."""
+    model = machines.nominal(machine.name)
+    described = {t["name"]: t for t in tomllib.loads((examples() / "healthy" / "campaign.toml").read_text())["test"]}
+    creep, more = (unlisted.ReversalCreep("X", 30.0),), machines.by_id([*model["effect"], *effects])
+    creeping = []
+    for s in problem.samples:
+        of = described[s.test.name], model["drive"]
+        has = simulate.reading(*of, more, s.time, unlisted=creep)
+        creeping.append(s.without(simulate.reading(*of, machines.by_id(model["effect"]), s.time) - has))
+    return dataclasses.replace(problem, samples=tuple(creeping))
+
+
 def test_beside_an_unknown_cause_nothing_is_named_that_its_curve_may_be():
     """A creep after each reversal is neither play nor friction, and is one curve."""
     machine, problem = two_cones()
-    model = machines.nominal(machine.name)
-    described = {t["name"]: t for t in tomllib.loads((examples() / "healthy" / "campaign.toml").read_text())["test"]}
-    creeping = []
-    for s in problem.samples:
-        of = described[s.test.name], model["drive"], machines.by_id(model["effect"]), s.time
-        added = simulate.reading(*of, unlisted=(unlisted.ReversalCreep("X", 30.0),)) - simulate.reading(*of)
-        creeping.append(s.without(-added))
-    found = explain(separate(dataclasses.replace(problem, samples=tuple(creeping)), machine))
+    found = explain(separate(with_creep(machine, problem), machine))
     assert (found.verdict, found.selection.found) == ("unknown", [])
+    assert (found.unexplained.axes, found.unexplained.variable) == (("X",), "time_since_reversal")
+
+
+def test_beside_an_unknown_cause_an_error_beyond_its_limit_is_named():
+    """An axis of rotation that is off by twice its limit is no part of a creep."""
+    machine, problem = two_cones()
+    machine = dataclasses.replace(machine, tolerance={"axis_location": {"value_um": 12.0}})
+    off = {"id": "axis_location.EY0C", "value_um": 24.0}
+    found = explain(separate(with_creep(machine, problem, off), machine))
+    (location,) = found.selection.found
+    assert (location.key, found.verdict) == ("axis_location.EY0C", "identified") and location.probability > 0.99
     assert (found.unexplained.axes, found.unexplained.variable) == (("X",), "time_since_reversal")
 
 

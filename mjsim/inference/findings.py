@@ -291,9 +291,21 @@ class Reader(ABC, Generic[D]):
         # a number that the data do not show is no more beyond its limit than on any machine of the class
         return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown)
 
+    def _as_of_class(self, f: EffectVector) -> EffectVector:
+        """An effect of the model with the prior that its class gives it, where it does."""
+        expected = self.model.expected.get(f.effect.key)
+        return f if expected is None else f.with_prior(*expected.prior_of(f)[:2])
+
+    def _is_cause(self, f: EffectVector) -> bool:
+        """Whether an effect of the model, or a wave of it, is none that a machine of the class has."""
+        expected = self.model.expected.get(f.effect.key)
+        return expected is None or not expected.prior_of(f)[2].all()
+
     def _sizes(self, fit: Fit) -> dict[str, float]:
         """Probability of every effect of a model, by key, that it is there and larger than its class allows. Beside an
-        unknown cause an effect is only named for what no curve can say that is as large at any place as at its largest.
+        unknown cause an effect is only named for what no curve can say that is as large at any place as at its largest:
+        an error that a machine of the class has for what is beyond that by the prior of the class, any other cause for
+        what the model without it leaves.
         """
         sizes, curves = self.of_class.sizes(fit), self.model.curves
         if not curves:
@@ -301,14 +313,17 @@ class Reader(ABC, Generic[D]):
         wide = [replace(c, width=max(c.width, c.largest)) for c in curves]
         problem = self.search.problem_of(self.model.sizes, wide)
         fitter = self.search.fitter.with_problem(problem)
-        free = fitter.fit(fit.effects, start=fit, exact=True, iterations=1, fresh=False)
+        usual = [self._as_of_class(f) for f in fit.effects]
+        free = fitter.fit(usual, start=fit, exact=True, iterations=STEPS, fresh=False)
         sizes = {key: min(p, sizes[key]) for key, p in self.of_class.sizes(free).items()}
-        for key in [key for key, p in sizes.items() if p >= FINDING]:
-            usual = [self.model.expected[key].free] if key in self.model.expected else []
-            others = [f for f in fit.effects if f.effect.key != key]
-            without = fitter.fit([*others, *usual], start=free, exact=True, iterations=STEPS, fresh=False)
+        for f in free.effects:
+            if sizes[f.effect.key] < FINDING or not self._is_cause(f):
+                continue
+            mine = [self.model.expected[f.effect.key].free] if f.effect.key in self.model.expected else []
+            others = [g for g in free.effects if g is not f]
+            without = fitter.fit([*others, *mine], start=free, exact=True, iterations=STEPS, fresh=False)
             odds = 0.5 * (without.objective - free.objective) + CAUSE
-            sizes[key] = min(sizes[key], 1.0 / (1.0 + math.exp(-min(odds, 700.0))))
+            sizes[f.effect.key] = min(sizes[f.effect.key], 1.0 / (1.0 + math.exp(-min(odds, 700.0))))
         return sizes
 
     def read(self, most: int | None) -> Explained[D]:
