@@ -79,12 +79,13 @@ def test_the_level_of_a_curve_is_not_held_for_its_size(real):
     white = replace(
         problem, whitening=Discrepancy.of_tests(problem).whitening(Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))))
     )
-    fit = Fitter(white, machine).fit([], iterations=1)
+    search = BarSearch(Fitter(problem, machine))
+    fit = search.fitter.with_problem(white).fit([], iterations=1)
     term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
     root = next(root for name, root in priors_of(term) if name == "smooth")
     curve = Curve(term, "smooth", root, problem.whiten([c @ root for c in term.columns]), 0.0, width=2.0)
     model = Model({}, fit, with_curves(white, [curve]), Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
-    ((_, (values, spread)),) = _BarReader(None, Found(fit, model, None), silent)._values(fit)
+    ((_, (values, spread)),) = _BarReader(search, Found(fit, model, None), silent)._values(fit)
     columns = 2.0 * white.whiten([c @ root for c in term.columns])
     cross = fit.design.T @ columns
     information = columns.T @ columns - cross.T @ np.linalg.solve(fit.linear.precision, cross) + np.eye(root.shape[1])

@@ -14,8 +14,10 @@ from functools import partial
 import numpy as np
 
 from mjsim.inference.curve_terms import CurveTerm
-from mjsim.inference.fit import Fit, Fitter
+from mjsim.inference.fit import Fit
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import DataFitter
 from mjsim.inference.unknown_curves import WIDTHS
 
 #: Share of the largest change or wave of a curve below which another is not told (assumed).
@@ -137,7 +139,7 @@ def orders(curve: np.ndarray) -> list[int]:
     return [int(n) + 1 for n in found[np.argsort(-size[found])]]
 
 
-def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm, Together]:
+def fit_beside_simple(fitter: DataFitter[Problem], fit: Fit, term: CurveTerm) -> tuple[Fit, CurveTerm, Together]:
     """The model and a curve where both lie when they are fitted together, the curve in the simplest shape that the data
     allow. The curve is no part of the model, so the model's residuals show it in full. The covariance allows for it.
 
@@ -159,7 +161,7 @@ def fit_beside_simple(fitter: Fitter, fit: Fit, term: CurveTerm) -> tuple[Fit, C
     return replace(fit, step=together.step, equations=together.equations), curve, together
 
 
-def _moved(fitter: Fitter, fit: Fit, step: np.ndarray) -> Fit:
+def _moved(fitter: DataFitter[Problem], fit: Fit, step: np.ndarray) -> Fit:
     """The model moved by a step, evaluated and linearised."""
     moved = fit.moved(step)
     return fitter.fit(moved.effects, start=moved, iterations=0, exact=True, fresh=False)

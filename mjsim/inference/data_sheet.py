@@ -10,11 +10,10 @@ import numpy as np
 
 from mjsim.inference.parameters import Block
 from mjsim.machine.chain import Chain
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 
-#: Share of a number of an effect by which it has to move for the drive to be another one: more than the friction of a
-#: sound machine is off its data sheet (assumed).
+#: Share of a number by which it has to move for the drive to be another one: more than the friction of a sound machine
+#: is off its data sheet (assumed).
 _MOVED = 0.25
 #: Relative change of a number over which its derivatives are taken as the same.
 _LINEAR = 0.1
@@ -111,12 +110,20 @@ def calibrated(machine: Machine, sheet_deviation: np.ndarray) -> Machine:
     return machine
 
 
-def is_another_drive(machine: Machine, effect: Effect) -> bool:
-    """Whether an effect of a drive makes it another one than that of ``machine``, so that the numbers of its data sheet
-    do something else there: the machine lacks the effect, or has it in another size.
+def is_another_drive(machine: Machine, known: Machine, axis: str) -> bool:
+    """Whether the drive of an axis is another one than that of ``known``, so that the numbers of its data sheet do
+    something else there: one of them, or the size of an effect on the drive, has moved far; or an effect is gone, or
+    new.
     """
-    given = machine.effect(effect.key)
-    if given is None:
-        return True
-    sizes = [p.name for p in effect.parameters_of(effect.subject) if p.leading and p.kind == "number"]
-    return any(abs(effect.values[n] - given.values[n]) > _MOVED * abs(given.values[n]) for n in sizes)
+    now, then = _numbers_of(machine, axis), _numbers_of(known, axis)
+    return now.keys() != then.keys() or any(abs(now[n] - then[n]) > _MOVED * abs(then[n]) for n in now)
+
+
+def _numbers_of(machine: Machine, axis: str) -> dict[tuple[str, str], float]:
+    """Numbers of an axis' data sheet, and the sizes of all effects on its drive."""
+    out = {("", n): getattr(machine.drives[axis], n) for n in TOLERANCE if n not in FRICTION_PARAMETERS}
+    for effect in machine.effects:
+        if effect.subject == axis and not effect.search.quasi_static:
+            sizes = [p.name for p in effect.parameters_of(axis) if p.leading and p.kind == "number"]
+            out |= {(effect.key, n): effect.values[n] for n in sizes}
+    return out

@@ -47,7 +47,7 @@ FINDING = TOLD
 #: Curves that are fitted in the place of the one of an unknown cause, those of largest evidence.
 _OTHERS = 3
 #: How often something else may take a finding's place.
-_SWAPS = 3
+_SWAPS = 2
 
 
 @dataclass(frozen=True)
@@ -332,14 +332,15 @@ class Reader(ABC, Generic[D]):
         Args:
             most: Most findings that are named; without it all.
         """
-        fit, rivals = self.model.fit, {}
-        for _ in range(_SWAPS):
+        fit, rivals, sizes = self.model.fit, {}, {}
+        for swaps in range(_SWAPS + 1):
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
-            large = {key for key, p in self._sizes(fit).items() if p >= FINDING}
+            sizes = self._sizes(fit)
+            large = {key for key, p in sizes.items() if p >= FINDING}
             rivals = self.search.rivals_of(self.model, large)
             best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
-            if best.evidence <= self.model.evidence:
+            if best.evidence <= self.model.evidence or swaps == _SWAPS:
                 break
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
@@ -347,10 +348,11 @@ class Reader(ABC, Generic[D]):
         if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
+            sizes = self._sizes(fit)
         whitened = self._with_instrument(fit)
         fit = replace(moved, considered=whitened.considered)
         # a probability has the rivals' already: their spread goes into the intervals only
-        rows = self.of_class.findings(fit, self._sizes(fit), rivals, self.model.evidence)
+        rows = self.of_class.findings(fit, sizes, rivals, self.model.evidence)
         fit = with_choice(fit, rivals, self.model.evidence)
         budget = self._budget(replace(whitened, considered=fit.considered))
         self.progress("shares of the error", 0, 1)
@@ -397,7 +399,7 @@ class _BarReader(Reader[Problem]):
         self.progress("describing what is in no catalogue", 0, 1)
         # where it jumps is what is asked now: the readings there have no error of their own
         problem = self.search.problem_of(self.model.sizes, [c for c in curves if c is not curve])
-        fitter = Fitter(problem, fit.base)
+        fitter = self.search.fitter.with_problem(problem)
         alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
         (best, probability), *others = self._terms(problem, alone, curve)
         moved, term, _ = fit_beside_simple(fitter, alone, best)
@@ -432,7 +434,8 @@ class _BarReader(Reader[Problem]):
         all fitted together.
         """
         model, base = self.model, self.model.base
-        alone = Fitter(base, fit.base).fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
+        fitter = self.search.fitter.with_problem(base)
+        alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
         columns = base.whiten_further(np.hstack([c.columns * c.width for c in model.curves]))
         cross = alone.design.T @ columns
         information = alone.linear.left_over(columns.T @ columns, cross)

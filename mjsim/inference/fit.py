@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mjsim.inference.data_sheet import DATA_SHEET, calibrated, data_sheet, is_another_drive, sheet_block, sheet_of
+from mjsim.inference.data_sheet import DATA_SHEET, calibrated, data_sheet, is_another_drive, sheet_block
 from mjsim.inference.design import Design
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.least_squares import LeastSquares
@@ -132,13 +132,45 @@ def retimed(problem: Problem, fit: Fit) -> Fit | None:
     return None if nuisance is None else replace(fit, nuisance=nuisance)
 
 
-class Fitter:
-    """Fits models of one machine to one problem."""
+class SheetGrids:
+    """Derivatives of the readings with respect to the data sheet, near the machine that was asked for last: those of an
+    axis are simulated anew where its drive has become another one, if that one is stable.
+
+    Args:
+        problem: The measured tests.
+        machine: To begin with.
+    """
 
     def __init__(self, problem: Problem, machine: Machine) -> None:
+        self.problem, self.letters = problem, machine.chain.letters
+        self._grids, self._at = problem.sheet_grids(machine), dict.fromkeys(self.letters, machine)
+        self._axis_of = np.array([n.axis for n in data_sheet(machine.chain)])
+
+    def near(self, machine: Machine) -> list[np.ndarray]:
+        """Derivatives near a machine, (sheet, n) per test on the GRID, m per standard deviation."""
+        moved = [a for a in self.letters if is_another_drive(machine, self._at[a], a)]
+        fresh = self.problem.sheet_grids(machine, moved) if moved else []
+        for axis in moved:
+            at = self._axis_of == axis
+            if all(np.isfinite(now[at]).all() for now in fresh):
+                for grid, now in zip(self._grids, fresh, strict=True):
+                    grid[at] = now[at]
+                self._at[axis] = machine
+        return self._grids
+
+
+class Fitter:
+    """Fits models of one machine to one problem.
+
+    Args:
+        problem: The measured tests.
+        machine: The machine.
+        near: A fitter of a similar machine to the same tests, whose derivatives are taken over where they hold.
+    """
+
+    def __init__(self, problem: Problem, machine: Machine, near: Fitter | None = None) -> None:
         self.problem, self.machine = problem, machine
-        self._grids = problem.sheet_grids(machine)
-        self._grids_at = np.zeros(len(sheet_of(machine)))
+        self._sheet = SheetGrids(problem, machine) if near is None else near._sheet
 
     def with_problem(self, problem: Problem) -> Fitter:
         """The same for a problem with other samples of the same tests."""
@@ -235,25 +267,9 @@ class Fitter:
         return out
 
     def _sheet_columns(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
-        """Data-sheet columns per test and whitened, at the fit's triggers; simulated anew for axes whose drives the
-        effects change (of many effects, only where they change a drive much), and of all where numbers that are
-        known within a factor only have moved on.
-        """
-        p, few = self.problem, len(fit.effects) < self.problem.settings.many_effects
-        far = np.abs(fit.sheet_deviation - self._grids_at)
-        if any(n.wide and d > n.step for n, d in zip(sheet_of(self.machine), far, strict=True)):
-            self._grids = p.sheet_grids(calibrated(self.machine, fit.sheet_deviation))
-            self._grids_at = fit.sheet_deviation
-        of_drives = [f.effect for f in fit.effects if not f.effect.search.quasi_static]
-        axes = {effect.subject for effect in of_drives if few or is_another_drive(self.machine, effect)}
-        sheet = p.sample_grids(self._grids, fit.nuisance)
-        if axes:
-            mine = [number.axis in axes for number in data_sheet(self.machine.chain)]
-            for now, as_given in zip(
-                p.sample_grids(p.sheet_grids(fit.machine, axes), fit.nuisance), sheet, strict=True
-            ):
-                as_given[:, mine] = now[:, mine]
-        return sheet, p.whiten(sheet)
+        """Data-sheet columns per test and whitened, at the fit's triggers."""
+        sheet = self.problem.sample_grids(self._sheet.near(fit.machine), fit.nuisance)
+        return sheet, self.problem.whiten(sheet)
 
     @np.errstate(over="ignore", invalid="ignore")
     def _evaluated(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> Fit:

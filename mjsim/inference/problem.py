@@ -80,12 +80,13 @@ def sheet_plants(machine: Machine, axes: Iterable[str]) -> dict[int, tuple[Plant
     return {j: (build(calibrated(machine, moves[j])), p.step) for j, p in enumerate(sheet) if p.axis in axes}
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def sheet_grid(
     motion: AxesMotion, sens: BarSensitivity, base: Plant, moved: dict[int, tuple[Plant, float]]
 ) -> np.ndarray:
     """Derivatives of one test's reading with respect to the data sheet, from ``base`` to each of ``moved``, (sheet, n)
-    m per standard deviation on the GRID; zero for the others. Single precision is enough for them, and a diagnosis
-    keeps them all.
+    m per standard deviation on the GRID; zero for the others, not finite for an unstable drive. Single precision is
+    enough for them, and a diagnosis keeps them all.
     """
     sheet = data_sheet(base.chain)
     out = np.zeros((len(sheet), len(motion.time[::GRID_STEPS])), np.float32)

@@ -100,8 +100,6 @@ class DiagnosisSettings:
             drive triggers out of the range in which they act linearly (bank).
         testable_size: An effect is testable when three standard deviations of its size stay below so many typical sizes
             (assumed).
-        many_effects: Effects from which the data sheet's derivatives stay those of the machine as given (assumed:
-            single effects are then tiny beside the motion).
         most_vibrations: Most vibrations that are looked for (assumed).
         vibration_false_alarm: Chance of one line of constant frequency by accident in a whole campaign (gamma
             distribution of the summed periodograms).
@@ -127,7 +125,6 @@ class DiagnosisSettings:
     setup_limit: float = 5.0
     trigger_limit: float = 4.0
     testable_size: float = 10.0
-    many_effects: int = 8
     most_vibrations: int = 4
     vibration_false_alarm: float = 1e-8
     vibration_size: float = 0.3

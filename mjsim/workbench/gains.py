@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.inference.bar_search import further_candidates
-from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.discrepancy import Discrepancy, Products, Sizes
 from mjsim.inference.findings import FINDING
 from mjsim.inference.fit import Fitter
@@ -19,7 +18,7 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.signatures import SignatureBank, seeds
 from mjsim.inference.vibration import Separated, separate, without_vibrations
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine, build
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, counted, silent
 from mjsim.threads import one_blas_thread
 from mjsim.workbench.jobs import Stopped
@@ -39,26 +38,6 @@ class Gain:
     share: float
     effect: Effect
     significant: bool
-
-
-class NearFitter(Fitter):
-    """A fitter for a model that differs from another one's in some effects: the derivatives with respect to the data
-    sheet are taken over, but for the axes whose drives differ.
-
-    Args:
-        other: Of the model that was fitted before.
-        machine: The model.
-    """
-
-    def __init__(self, other: Fitter, machine: Machine) -> None:
-        self.problem, self.machine = other.problem, machine
-        self._grids, self._grids_at = other._grids, other._grids_at
-        was, now = build(other.machine), build(machine)
-        changed = [a for a in machine.chain.letters if was.axes[a].key() != now.axes[a].key()]
-        if changed:
-            fresh = self.problem.sheet_grids(machine, changed)
-            of_changed = np.array([p.axis in changed for p in data_sheet(machine.chain)])[:, None]
-            self._grids = [np.where(of_changed, f, g) for f, g in zip(fresh, self._grids, strict=True)]
 
 
 class Gains:
@@ -130,7 +109,7 @@ class Gains:
 
     def fitter(self, machine: Machine) -> Fitter:
         """A fitter of a model; to be called while :attr:`turn` is held."""
-        return NearFitter(self._fitter_of_file(), without_vibrations(machine))
+        return Fitter(self.problem, without_vibrations(machine), near=self._fitter_of_file())
 
     @one_blas_thread
     def of(self, machine: Machine, waves: bool = True) -> dict[str, Gain]:
