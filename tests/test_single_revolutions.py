@@ -5,7 +5,7 @@ import pytest
 from independent import campaign as generator
 from independent import real_machines
 from independent.layouts import layout
-from independent.unlisted import EccentricPlay, ToothPatch
+from independent.unlisted import EccentricPlay, EncoderStep, ToothPatch
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
@@ -16,10 +16,10 @@ from mjsim.inference.vibration import separate
 from mjsim.machine.model import build
 
 
-def measured(folder, *causes, stated=True, without=()):
-    """The problem and the machine of a real machine with some causes."""
+def measured(folder, *causes, stated=True, without=(), tests="feeds"):
+    """The problem and the machine of a real machine with some causes, and the rotary tests of a layout."""
     within = tuple(e for e in real_machines.within("M1", np.random.default_rng(6)) if e["id"] not in without)
-    tests = tuple(t for t in layout("feeds") if t["kind"] == "rotary")
+    tests = tuple(t for t in layout(tests) if t["kind"] == "rotary")
     case = generator.Case("real", "M1", tests, causes, seed=8, within=within, tolerance_stated=stated)
     generator.write_files(case, folder)
     campaign = read_campaign(folder)
@@ -59,3 +59,16 @@ def test_a_ball_in_another_seat_shows_once_the_waves_are_fitted(tmp_path):
     explained = explain(separate(knocked, machine))
     assert explained.data.outliers == {t.name: int(k == 1) for k, t in enumerate(problem.tests)}
     assert not explained.selection.found and explained.unexplained is None
+
+
+def test_what_two_tests_show_at_one_place_of_an_axis_is_no_accident(tmp_path):
+    """A damaged stretch of an encoder looks like a knock in each of two tests, and like one in a single test."""
+    sound, machine = measured(tmp_path / "sound", tests="cradle")
+    damaged, _ = measured(tmp_path / "damaged", EncoderStep("A", 150.0, from_deg=11.0, to_deg=18.0), tests="cradle")
+    readings = sound.readings(build(machine))
+    assert not any(without_disturbances(damaged, readings).outliers.values())
+    showing = ("rotary-a-tangential-centre-ccw", "rotary-a-tangential-x40-cw")
+    for name in showing:
+        mixed = [d if d.test.name == name else s for s, d in zip(sound.samples, damaged.samples, strict=True)]
+        alone = without_disturbances(sound.with_samples(mixed, sound.tests, sound.outliers), readings)
+        assert {n: count > 0 for n, count in alone.outliers.items()} == {t.name: t.name == name for t in sound.tests}

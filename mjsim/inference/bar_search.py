@@ -351,10 +351,11 @@ class BarSearch(Search[Problem]):
 
     def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         competing = [*model.curves]
-        if curves:
+        if curves or model.curves:
             base = model.base
             beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
-            found = [c for _, c in best_curves(base, beside, self.plain)]
+            own = {c.name for c in model.curves}  # they compete with other knots and priors in any case
+            found = [c for _, c in best_curves(base, beside, self.plain, own, others=curves)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
         if model.curves:

@@ -23,6 +23,11 @@ from mjsim.instruments.ball_bar.program import Program
 #: Height of a jump between two revolutions, over how far they lie apart: less is a drift, more the machine's own step
 #: (assumed).
 _AS_FAR = (0.5, 2.0)
+#: Two tests are off by the same where one passes so much of the place of the other, and its displacement leaves so much
+#: of the squares of the other (assumed).
+_OVERLAP, _UNLIKE = 0.5, 0.1
+#: Reach of an axis below which a reading does not tell how far it has moved, m/rad; lags that are tried.
+_LEAST_REACH, _LAGS = 1e-3, 21
 
 
 def without_disturbances(
@@ -44,10 +49,14 @@ def without_disturbances(
     noise, settings = [problem.noise_of(k).rms for k in range(len(samples))], problem.settings.outliers
     for s, r, n in zip(samples, rest, noise, strict=True):
         events[s.test.name] = mark_outliers(s, r, n, settings)
+    witnesses = _Witnesses(problem, rest)
+    for name, count in _readmit_what_returns(problem, samples, witnesses).items():
+        events[name] = max(0, events[name] - count)
     for _ in range(settings.most_events):
         found = {k: largest_jump(s, rest[k], noise[k], settings) for k, s in enumerate(samples)}
         jumps = {k: at for k, at in found.items() if at is not None}
-        accidents = [k for k in jumps if not _jumps_elsewhere(problem, jumps, k)]
+        own = {k: at for k, at in jumps.items() if not _jumps_elsewhere(problem, jumps, k)}
+        accidents = [k for k, at in own.items() if not witnesses.confirm(k, _around(samples[k], at, settings))]
         for k in accidents:
             if leave_out_shorter_side(samples[k], jumps[k], rest[k], settings):  # the ball sits anew in what is kept
                 tests[k] = replace(tests[k], setup=f"{tests[k].name} {AFTER_KNOCK}")
@@ -78,6 +87,90 @@ def readmitted(problem: Problem, readings: Sequence[np.ndarray], nuisance: np.nd
         events[s.test.name] = max(0, events[s.test.name] - back)
         found += back
     return problem.with_samples(samples, problem.tests, events) if found else problem
+
+
+class _Witnesses:
+    """Whether other tests show what stands out of one: a displacement of a rotary axis at the same place is the
+    machine's, and no accident.
+
+    Args:
+        problem: The measured tests.
+        rest: Residual of each, (n,) m.
+    """
+
+    def __init__(self, problem: Problem, rest: Sequence[np.ndarray]) -> None:
+        self.problem, self.rest = problem, rest
+        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def _of(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Positions of all axes in a test, and how far its reading moves with each, (n, axes)."""
+        if k not in self._known:
+            s, along = self.problem.samples[k], self.problem.sensitivity[k].axes.T
+            reach = np.column_stack([s.sample_all(x, 0.0) for x in along])
+            self._known[k] = self.problem.motions[k].program.commands(s.time), reach
+        return self._known[k]
+
+    def confirm(self, k: int, at: np.ndarray) -> bool:
+        """Whether another test is off by the same displacement.
+
+        Args:
+            k: Number of the test.
+            at: Samples that stand out, (n,) bool.
+        """
+        chain, motions = self.problem.motions[k].test.chain, self.problem.motions
+        axes = [i for i in map(chain.index, chain.rotary) if motions[k].moves[i]]
+        others = [j for j in range(len(motions)) if j != k]
+        return any(self._is_same(k, at, j, i) for i in axes for j in others if motions[j].moves[i])
+
+    def _is_same(self, k: int, at: np.ndarray, j: int, i: int) -> bool:
+        """Whether one other test, in one of its passes, is off by the same displacement of one axis."""
+        (places, reaches), (places_j, reaches_j) = self._of(k), self._of(j)
+        place, reach, off = places[at, i], reaches[at, i], self.rest[k][at]
+        low, high, near = place.min(), place.max(), self.problem.settings.outliers.same_place
+        there = self.problem.samples[j].valid & (places_j[:, i] >= low) & (places_j[:, i] <= high)
+        passes, count = stretches(there)
+        for g in range(1, count + 1):
+            order = np.flatnonzero(passes == g)
+            order = order[np.argsort(places_j[order, i])]
+            along, lever = places_j[order, i], reaches_j[order, i]
+            if np.ptp(along) < _OVERLAP * (high - low) or np.abs(lever).min() < _LEAST_REACH:
+                continue
+            inside = (place >= along[0]) & (place <= along[-1])
+            mine = off[inside] - off[inside].mean()
+            for lag in np.linspace(-near, near, _LAGS):
+                seen = reach[inside] * np.interp(place[inside] + lag, along, self.rest[j][order] / lever)
+                left = mine - (seen - seen.mean())
+                noise = 2.0 * len(left) * self.problem.noise_of(k).rms ** 2  # of both tests
+                if left @ left - noise < _UNLIKE * (mine @ mine - 0.5 * noise):
+                    return True
+        return False
+
+
+def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses: _Witnesses) -> dict[str, int]:
+    """Count stretches again that were marked as disturbances and that other tests confirm.
+
+    Args:
+        before: The tests as they were.
+        samples: With what was marked; ``valid`` is changed in place.
+        witnesses: The other tests.
+
+    Returns:
+        Number of stretches taken back, by test.
+    """
+    out: dict[str, int] = {}
+    for k, s in enumerate(samples):
+        groups, count = stretches(before.samples[k].valid & ~s.valid)
+        back = [g for g in range(1, count + 1) if witnesses.confirm(k, groups == g)]
+        if back:
+            s.valid |= np.isin(groups, back)
+            s.refresh()
+            out[s.test.name] = len(back)
+    return out
+
+
+def _around(s: Samples, at: int, settings: OutlierSettings) -> np.ndarray:
+    """Samples on both sides of a jump, (n,) bool."""
+    return s.valid & (np.abs(s.time - s.time[at]) < settings.side)
 
 
 def _jumps_elsewhere(problem: Problem, jumps: dict[int, int], k: int) -> bool:

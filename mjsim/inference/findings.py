@@ -36,7 +36,7 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
-from mjsim.inference.unknown_curves import FINER, LONGEST, Curve, best_curves
+from mjsim.inference.unknown_curves import FINER, Curve, best_curves
 from mjsim.inference.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.progress import Progress, silent
@@ -44,6 +44,8 @@ from mjsim.units import DEG, UM
 
 #: Probability from which something is a finding: the same as that of the names that are told for it.
 FINDING = TOLD
+#: Most knots of a curve that is told: they say where its steps are.
+_SHARPEST = 600
 #: Curves that are fitted in the place of the one of an unknown cause, those of largest evidence.
 _OTHERS = 3
 #: How often something else may take a finding's place.
@@ -469,7 +471,7 @@ def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, Curve
     between two of them.
     """
     shape = partial(simplest_shape, closed=term.period is not None)
-    finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= LONGEST]
+    finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= _SHARPEST]
     whiten = terms.problem.whiten
     rows = [(Together(terms.fit, whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
     return min(rows, key=lambda row: row[0])

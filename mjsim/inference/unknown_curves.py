@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,7 +39,7 @@ _LOBES = range(1, 9)
 _SMALL = 2e-3
 #: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
 #: sharper than the others.
-_REFINED, FINER, LONGEST = 2, (2, 4, 8, 16), 600
+_REFINED, FINER, _LONGEST = 2, (2, 4, 8, 16), 300
 #: Curves that compete beside the model, the best of all.
 _MOST = 6
 
@@ -166,23 +166,27 @@ def _root(covariance: np.ndarray) -> np.ndarray:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
-def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float, Curve]]:
-    """Curves of largest evidence beside a model, the best first, each with the prior that explains most: log posterior
-    odds and curve.
+def best_curves(
+    problem: Problem, fit: Fit, plain: Problem, own: Collection[str] = (), others: bool = True
+) -> list[tuple[float, Curve]]:
+    """Curves of largest evidence beside a model, the best first: log posterior odds and curve.
 
     Args:
         problem: The measured tests with the whitening of the model but for curves that are to compete.
         fit: The model, whitened by ``problem``.
         plain: The same tests whitened by the campaign's noise alone.
+        own: Names of the curves of the model: each of their priors competes, with the number of knots that suits it.
+        others: Whether others compete as well, each with the prior that explains most.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
-    out: dict[str, tuple[float, CurveTerm, str, np.ndarray, float]] = {}
+    out: dict[tuple[str, ...], tuple[float, CurveTerm, str, np.ndarray, float]] = {}
 
     def compete(term: CurveTerm, known: tuple[np.ndarray, np.ndarray], prior: str, root: np.ndarray, odds: float):
-        """Keep a curve where it is the best of its name."""
+        """Keep a curve where it is the best of its name, or of its name and prior."""
         evidence, name = _evidence(*known, root) + odds, Curve.called(term)
-        if evidence > out.get(name, (0.0,))[0]:
-            out[name] = evidence, term, prior, root, odds
+        key = (name, prior) if name in own else (name,)
+        if evidence > out.get(key, (0.0,))[0]:
+            out[key] = evidence, term, prior, root, odds
 
     rough: list[tuple[float, CurveTerm]] = []
     tried: dict[str, int] = {}
@@ -190,15 +194,28 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float,
         if term.variable == "time_since_reversal" and term.moves != term.axis:
             continue  # in one swing it is nearly the direction of motion
         tried[term.axis] = tried.get(term.axis, 0) + 1
+        if not (others or Curve.called(term) in own):
+            continue
         both = np.hstack([root for _, root in priors_of(term)])
         values, vectors = np.linalg.eigh(0.5 * both @ both.T)
         kept = values > 10.0 * _SMALL * values[-1]
         rough.append((_evidence(*linear.of(term), vectors[:, kept] * np.sqrt(values[kept])), term))
     rough.sort(key=lambda row: -row[0])
-    for place, (_, coarse) in enumerate(rough[:_MOST]):
+    ranked = []
+    for place, (evidence, coarse) in enumerate(rough):
+        is_own = Curve.called(coarse) in own
+        # coarse knots miss the steps of an encoder and single teeth, which are over the position
+        if is_own or place < _MOST or (coarse.variable, coarse.moves) == ("position", coarse.axis):
+            finest = [t for n in FINER for t in terms.finer(coarse, n) if len(t.knots) <= _LONGEST][-1:]
+            sharp = (_evidence(*linear.of(t), steps_of(t)) for t in finest)
+            ranked.append((max([evidence, *sharp]), is_own, coarse))
+    ranked.sort(key=lambda row: -row[0])
+    for place, (_, is_own, coarse) in enumerate(ranked):
+        if place >= _MOST and not is_own:
+            continue
         odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
-        finer = [t for n in FINER for t in terms.finer(coarse, n)] if place < _REFINED else []
-        for term in (coarse, *(t for t in finer if len(t.knots) <= LONGEST)):
+        finer = [t for n in FINER for t in terms.finer(coarse, n)] if is_own or place < _REFINED else []
+        for term in (coarse, *(t for t in finer if len(t.knots) <= _LONGEST)):
             known = linear.of(term)
             for prior, root in (*priors_of(term), ("steps", steps_of(term))):
                 compete(term, known, prior, root, odds)
@@ -207,6 +224,8 @@ def best_curves(problem: Problem, fit: Fit, plain: Problem) -> list[tuple[float,
     for axis in (a for a in plain.chain.rotary if a in tried):
         odds = _LOG_ODDS - math.log(3 * tried[axis])
         for term in terms.fine(axis):
+            if not (others or Curve.called(term) in own):
+                continue
             known = linear.of(term)
             for root in teeth_of(term, fit.base.drives[axis].gear):
                 compete(term, known, "teeth", root, odds)
