@@ -188,13 +188,17 @@ def best_curves(
         if evidence > out.get(key, (0.0,))[0]:
             out[key] = evidence, term, prior, root, odds
 
+    def competes(term: CurveTerm) -> bool:
+        """Whether a curve is one of those that are looked at."""
+        return others or Curve.called(term) in own
+
     rough: list[tuple[float, CurveTerm]] = []
     tried: dict[str, int] = {}
     for term in itertools.chain(terms.own(), terms.clock(False), terms.across(), radial_curves(terms)):
         if term.variable == "time_since_reversal" and term.moves != term.axis:
             continue  # in one swing it is nearly the direction of motion
         tried[term.axis] = tried.get(term.axis, 0) + 1
-        if not (others or Curve.called(term) in own):
+        if not competes(term):
             continue
         both = np.hstack([root for _, root in priors_of(term)])
         values, vectors = np.linalg.eigh(0.5 * both @ both.T)
@@ -206,16 +210,15 @@ def best_curves(
         is_own = Curve.called(coarse) in own
         # coarse knots miss the steps of an encoder and single teeth, which are over the position
         if is_own or place < _MOST or (coarse.variable, coarse.moves) == ("position", coarse.axis):
-            finest = [t for n in FINER for t in terms.finer(coarse, n) if len(t.knots) <= _LONGEST][-1:]
-            sharp = (_evidence(*linear.of(t), steps_of(t)) for t in finest)
-            ranked.append((max([evidence, *sharp]), is_own, coarse))
+            finer = [t for n in FINER for t in terms.finer(coarse, n) if len(t.knots) <= _LONGEST]
+            sharp = (_evidence(*linear.of(t), steps_of(t)) for t in finer[-1:])
+            ranked.append((max([evidence, *sharp]), is_own, coarse, finer))
     ranked.sort(key=lambda row: -row[0])
-    for place, (_, is_own, coarse) in enumerate(ranked):
+    for place, (_, is_own, coarse, finer) in enumerate(ranked):
         if place >= _MOST and not is_own:
             continue
         odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
-        finer = [t for n in FINER for t in terms.finer(coarse, n)] if is_own or place < _REFINED else []
-        for term in (coarse, *(t for t in finer if len(t.knots) <= _LONGEST)):
+        for term in (coarse, *(finer if is_own or place < _REFINED else [])):
             known = linear.of(term)
             for prior, root in (*priors_of(term), ("steps", steps_of(term))):
                 compete(term, known, prior, root, odds)
@@ -224,7 +227,7 @@ def best_curves(
     for axis in (a for a in plain.chain.rotary if a in tried):
         odds = _LOG_ODDS - math.log(3 * tried[axis])
         for term in terms.fine(axis):
-            if not (others or Curve.called(term) in own):
+            if not competes(term):
                 continue
             known = linear.of(term)
             for root in teeth_of(term, fit.base.drives[axis].gear):
