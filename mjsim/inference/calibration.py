@@ -86,7 +86,7 @@ def _of_kind(machine: Machine, cls: type[Effect], limits: Mapping[str, float]) -
         sizes = {
             p.name: limit
             for p in cls.parameters_of(subject)
-            if p.leading and (limit := _limit(p, subject, limits, present))
+            if p.leading and (limit := _limit(p, subject, limits, present, machine.factor))
         }
         if not sizes:
             continue
@@ -98,13 +98,17 @@ def _of_kind(machine: Machine, cls: type[Effect], limits: Mapping[str, float]) -
         yield Calibrated(free.with_prior(free.vector, deviation), free.vector, deviation, sizes)
 
 
-def _limit(p: Parameter, subject: str, limits: Mapping[str, float], present: Effect | None) -> float | None:
-    """Limit of a leading parameter in the unit of its name, or ``None`` where the table has none."""
+def _limit(
+    p: Parameter, subject: str, limits: Mapping[str, float], present: Effect | None, factor: float | None
+) -> float | None:
+    """Limit of a leading parameter in the unit of its name, or ``None`` where the table has none. A stated value may be
+    off by the factor within which it is believed.
+    """
     unit = unit_of_size(p, subject)
     if unit in limits:
         return limits[unit]
     if RATIO in limits and present is not None and p.kind == "number":
-        return limits[RATIO] * abs(present.values[p.name])
+        return max(limits[RATIO], (factor or 1.0) - 1.0) * abs(present.values[p.name])
     return None
 
 

@@ -10,16 +10,28 @@ import numpy as np
 
 from mjsim.inference.parameters import Block
 from mjsim.machine.chain import Chain
+from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 
 #: Share of a number by which it has to move for the drive to be another one: more than the friction of a sound machine
 #: is off its data sheet (assumed).
 _MOVED = 0.25
-#: Relative change of a number over which its derivatives are taken as the same.
-_LINEAR = 0.1
+#: Relative change of a number over which its derivatives are taken as the same. All torques of a drive times one factor
+#: give the same motion, and derivatives over 10 % hide that: they seem to tell the factor.
+_LINEAR = 0.002
 #: A setting that everybody can read in the control: a stated factor does not widen it for ball-bar tests. There it also
 #: is what a servo fault is told by.
 _READ = "position_gain"
+#: Effects whose size is a number of the data sheet over the stated one, by kind.
+OF_SHEET = {
+    "inertia": "inertia",
+    "integral_time": "integral_time",
+    "servo_gain": "position_gain",
+    "velocity_gain": "velocity_gain",
+    "viscous_friction": "viscous",
+}
+#: Standard deviations within which a number may be on a sound machine.
+_MAY_BE = 2.0
 #: Standard deviations within which a number stays that is known within a factor only: beyond them is one of 370.
 _FARTHEST = 3.0
 
@@ -77,6 +89,26 @@ def sheet_of(machine: Machine) -> tuple[SheetParameter, ...]:
     return data_sheet(machine.chain, machine.factor)
 
 
+def sheet_range(machine: Machine, effect: Effect) -> dict[str, tuple[float, float]]:
+    """Between what the data sheet lets those sizes of an effect be that are its numbers, by the parameter's name.
+
+    Args:
+        machine: As its file says.
+        effect: Of an axis.
+    """
+    names = {key: name for name, key in FRICTION_PARAMETERS.items()} if effect.kind == "friction" else {}
+    if effect.kind in OF_SHEET:
+        names = {"ratio": OF_SHEET[effect.kind]}
+    given, sheet = machine.effect(effect.id), {p.name: p for p in sheet_of(machine) if p.axis == effect.subject}
+    out = {}
+    for p in effect.parameters_of(effect.subject):
+        stated = p.neutral if given is None else given.values[p.name]
+        if p.name in names and stated is not None:
+            number = sheet[names[p.name]]
+            out[p.name] = stated * number.ratio(-_MAY_BE), stated * number.ratio(_MAY_BE)
+    return out
+
+
 #: Name of the data sheet's block in the parameter vector.
 DATA_SHEET = "data sheet"
 
@@ -115,8 +147,8 @@ def is_another_drive(machine: Machine, known: Machine, axis: str) -> bool:
     something else there: one of them, or the size of an effect on the drive, has moved far; or an effect is gone, or
     new.
     """
-    now, then = _numbers_of(machine, axis), _numbers_of(known, axis)
-    return now.keys() != then.keys() or any(abs(now[n] - then[n]) > _MOVED * abs(then[n]) for n in now)
+    now, then, far = _numbers_of(machine, axis), _numbers_of(known, axis), _LINEAR if machine.factor else _MOVED
+    return now.keys() != then.keys() or any(abs(now[n] - then[n]) > far * abs(then[n]) for n in now)
 
 
 def _numbers_of(machine: Machine, axis: str) -> dict[tuple[str, str], float]:

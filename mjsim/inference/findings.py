@@ -27,6 +27,7 @@ from mjsim.inference.combinations import Combination, combinations
 from mjsim.inference.considered import with_choice, with_instrument
 from mjsim.inference.curve_fit import Together, fit_beside_simple, simplest_shape
 from mjsim.inference.curve_terms import CurveTerm, CurveTerms
+from mjsim.inference.data_sheet import sheet_range
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.hypotheses import CAUSE, entries_of, log_odds_of, name_of
@@ -39,6 +40,7 @@ from mjsim.inference.unexplained import Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, Curve, best_curves
 from mjsim.inference.vibration import Separated
 from mjsim.machine.chain import is_rotary
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.units import DEG, UM
 
@@ -119,10 +121,11 @@ class ClassSizes:
 
     Args:
         expected: What a machine of the class has, by key.
+        machine: As its file says.
     """
 
-    def __init__(self, expected: Mapping[str, Calibrated]) -> None:
-        self.expected = expected
+    def __init__(self, expected: Mapping[str, Calibrated], machine: Machine) -> None:
+        self.expected, self.machine = expected, machine
 
     def sizes(self, fit: Fit) -> dict[str, float]:
         """Probability of every effect of the model, by key, that it is there and larger than its class allows."""
@@ -169,12 +172,21 @@ class ClassSizes:
         return 1.0 / (1.0 + math.exp(-min(best, 700.0)))
 
     def _class_of(self, f: EffectVector) -> tuple[np.ndarray, np.ndarray]:
-        """What a machine of the class has of an effect, and how far it may be from that, (n,) typical sizes each."""
+        """Middle of what a machine of the class has of an effect, and how far it may be from that, (n,) typical sizes
+        each. A size that is a number of the data sheet may be whatever that is believed to be.
+        """
         expected = self.expected.get(f.effect.key)
         if expected is None:
-            return f.off, np.ones(len(f.vector)) if self.expected else np.zeros(len(f.vector))
-        mean, deviation, own = expected.prior_of(f)
-        return mean, np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+            mean, limit = f.off, np.ones(len(f.vector)) if self.expected else np.zeros(len(f.vector))
+        else:
+            mean, deviation, own = expected.prior_of(f)
+            limit = np.where(own, LIMIT_DEVIATIONS * deviation, 1.0)
+        low, high = mean - limit, mean + limit
+        for name, ends in sheet_range(self.machine, f.effect).items():
+            if name in f.names:
+                i, ends = f.names.index(name), [f.specs[name].encode(x) for x in ends]
+                low[i], high[i] = min(low[i], *ends), max(high[i], *ends)
+        return 0.5 * (low + high), 0.5 * (high - low)
 
     def _beyond(self, fit: Fit, f: EffectVector) -> float:
         """Probability that an effect is larger than its class allows: of the number that lies farthest."""
@@ -253,7 +265,7 @@ class Reader(ABC, Generic[D]):
         expected = self.model.expected
         if self.model.curves and not expected:
             expected = {c.key: c for c in expected_effects(self.model.fit.base)}
-        return ClassSizes(expected)
+        return ClassSizes(expected, self.model.fit.base)
 
     @abstractmethod
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:

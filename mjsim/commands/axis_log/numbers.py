@@ -8,8 +8,8 @@ from mjsim.commands.axis_log.diagnosis import SheetNumber
 from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.inference.axis_logs.found import AxisSelection
-from mjsim.inference.axis_logs.probability import OF_SHEET
 from mjsim.inference.axis_logs.separability import inseparable, intervals, undetermined
+from mjsim.inference.data_sheet import OF_SHEET
 from mjsim.machine.model import Machine
 
 

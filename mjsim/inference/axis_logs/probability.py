@@ -19,17 +19,10 @@ from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.inference.axis_logs.start import MOST_SHIFT
 from mjsim.inference.axis_logs.together import deviation_along, leading_number
 from mjsim.inference.calibration import LIMIT_DEVIATIONS
+from mjsim.inference.data_sheet import OF_SHEET
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import TOLERANCE, Machine
 
-#: Kinds whose ratio is that of a number of the data sheet.
-OF_SHEET = {
-    "inertia": "inertia",
-    "integral_time": "integral_time",
-    "servo_gain": "position_gain",
-    "velocity_gain": "velocity_gain",
-    "viscous_friction": "viscous",
-}
 #: Share of the Coulomb friction that a torque may have which does not turn with the direction (assumed: a bearing drags
 #: a little more one way).
 _DIRECTION = 0.02
