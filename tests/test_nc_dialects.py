@@ -38,6 +38,18 @@ def points(nc):
     return nc.motion.points / UNITS
 
 
+@pytest.mark.parametrize(
+    ("name", "dialect"),
+    [("p.mpf", "siemens"), ("p.SPF", "siemens"), ("p.ngc", "linuxcnc"), ("p.h", "heidenhain"), ("p.nc", "fanuc")],
+)
+def test_the_ending_says_whose_program_it_is(name, dialect):
+    start = STARTS.get(dialect, STARTS["fanuc"])
+    text = start + ENDS.get(dialect, "G1 X1. F100.\nM30\n")
+    assert parse_nc(text, Path(name)).dialect == dialect
+    if dialect != "linuxcnc":  # its words are those of Fanuc
+        assert parse_nc(text, Path("p.txt")).dialect == dialect
+
+
 # -- arcs --------------------------------------------------------------------------------------------------------------
 
 PLANES = {"G17": (0, 1, 2, "X", "Y", "Z"), "G18": (2, 0, 1, "Z", "X", "Y"), "G19": (1, 2, 0, "Y", "Z", "X")}
@@ -491,9 +503,9 @@ def test_another_machine():
 
 def test_a_hint_at_the_control():
     with pytest.raises(InputError, match="say --dialect heidenhain"):
-        parse_nc(STARTS["heidenhain"], Path("p.h"))
+        parse_nc(STARTS["heidenhain"], Path("p.h"), "fanuc")
     with pytest.raises(InputError, match="say --dialect siemens"):
-        parse_nc("G0 X0 Y0\nTRAORI\n", Path("p.mpf"))
+        parse_nc("G0 X0 Y0\nTRAORI\n", Path("p.mpf"), "fanuc")
 
 
 # -- LinuxCNC's interpreter --------------------------------------------------------------------------------------------

@@ -337,7 +337,7 @@ def test_refused(tmp_path, case):
     file = tmp_path / "t.nc"
     file.write_text(HEAD + body + "\nM30\n")
     with pytest.raises(InputError) as error:
-        read_nc(file)
+        read_nc(file, "fanuc")
     text = str(error.value)
     assert text.startswith(f"{file}, line {line}: " if line else f"{file}: ") and "allowed" in text and "\n" not in text
     assert all(word in text for word in found), text

@@ -65,9 +65,7 @@ def with_program(path: Path, test: BallBarTest, t: BallBarTable) -> BallBarTest:
         test: As the campaign has it.
         t: Its table.
     """
-    nc = read_nc(
-        path, t.program_dialect or "fanuc", tuple(t.program_reversed or ()), t.program_rollover, chain=test.chain
-    )
+    nc = read_nc(path, t.program_dialect, tuple(t.program_reversed or ()), t.program_rollover, chain=test.chain)
     check_travel(nc.motion, model_limits(test.chain), nc.place)
     return driven_by(test, nc.motion, str(path))
 

@@ -225,7 +225,7 @@ def read(file, dialect, turned, rollover, skip, ini, limit, max_speed, machine, 
     timed = nc.motion.seconds[nc.motion.cuts] if nc.motion.cuts.any() else nc.motion.seconds
     data = {
         "file": str(file),
-        "dialect": dialect,
+        "dialect": nc.dialect,
         "feed": nc.feed,
         "tool_centre_point": bool(np.any(nc.motion.tip)),
         "paths": len(nc.motion.paths),
@@ -241,7 +241,7 @@ def read(file, dialect, turned, rollover, skip, ini, limit, max_speed, machine, 
         "ignored": {word: {"first_line": line, "count": n} for word, (line, n) in nc.ignored.items()},
         "warnings": [*nc.warnings, *speed_warnings(nc.motion, limits, nc.place)],
     }
-    said = f"{data['blocks']} blocks, {nc.motion.duration:.3f} s, F: {nc.feed or 'none'}"
+    said = f"dialect {nc.dialect}: {data['blocks']} blocks, {nc.motion.duration:.3f} s, F: {nc.feed or 'none'}"
     said += f", {data['other_moves']} rapid moves and dwells" if data["other_moves"] else ""
     said += f", {data['paths']} cutting paths" if data["paths"] > 1 else ""
     said += ", tool centre point" if data["tool_centre_point"] else ""
@@ -367,6 +367,7 @@ def feed(
         nc = read_nc(program, chain=test.chain, **reading)
     else:
         how["rollover"] = bool(how["rollover"])
+        how["dialect"] = reading["dialect"] = how["dialect"] or "fanuc"
         text = nc_program(test, options.write_options(**how)).text
         nc = parse_nc(text, Path(f"{test.name}.nc"), chain=test.chain, **reading)
     control = Control(cycle_ms * 1e-3, block_ms * 1e-3, whole_cycles)

@@ -15,10 +15,6 @@ AXIS = click.Choice(AXES)
 ROTARY_AXIS = click.Choice(TURNING)
 
 
-def _dialect(names: tuple[str, ...], words: str):
-    return click.option("--dialect", type=click.Choice(names), default="fanuc", show_default=True, help=words)
-
-
 def kept(*decorators):
     """Several decorators as one, in the order in which ``--help`` shows them."""
 
@@ -40,7 +36,11 @@ _turned = click.option(
 )
 #: How an NC file is read.
 reading = kept(
-    _dialect(tuple(READABLE), "Whose program an NC file is."),
+    click.option(
+        "--dialect",
+        type=click.Choice(tuple(READABLE)),
+        help="Whose program an NC file is. Default: as its ending and its words say, and otherwise fanuc.",
+    ),
     _turned,
     click.option("--rollover/--no-rollover", default=None, help=f"{_ROLLOVER} Default: what the feed moves imply."),
     click.option("--skip", is_flag=True, help="Leave out blocks with /."),
@@ -59,7 +59,9 @@ probing = kept(
         help="Height above the sphere at which rotary axes move, mm.",
     ),
 )
-written_dialect = _dialect(tuple(DIALECTS), "Control.")
+written_dialect = click.option(
+    "--dialect", type=click.Choice(tuple(DIALECTS)), default="fanuc", show_default=True, help="Control."
+)
 writing = kept(
     click.option(
         "--feed-mode",

@@ -55,7 +55,7 @@ class NCFile:
 
 def read_nc(
     path: Path | str,
-    dialect: str = "fanuc",
+    dialect: str | None = None,
     reversed: tuple[str, ...] = (),
     rollover: bool | None = None,
     chain: Chain = FIVE_AXIS,
@@ -66,7 +66,8 @@ def read_nc(
 
     Args:
         path: The file.
-        dialect: Whose codes, spellings and F convention it has.
+        dialect: Whose codes, spellings and F convention it has; ``None``: as its ending and its words say, and
+            otherwise Fanuc's.
         reversed: Rotary axes whose command on the machine has the other sign.
         rollover: Whether a round axis goes the short way to its absolute positions (programs with it within 0 to 360°);
             ``None``: where it would turn by more than half a turn in a feed move, which is then said.
@@ -84,7 +85,7 @@ def read_nc(
 def parse_nc(
     text: str,
     path: Path,
-    dialect: str = "fanuc",
+    dialect: str | None = None,
     reversed: tuple[str, ...] = (),
     rollover: bool | None = None,
     chain: Chain = FIVE_AXIS,
@@ -92,7 +93,7 @@ def parse_nc(
     ini: Path | str | None = None,
 ) -> NCFile:
     """As :func:`read_nc` for a program's text; ``path`` is its name in messages."""
-    d = find_dialect(dialect, reading=True)
+    d = find_dialect(dialect or _looks_like(text, path) or "fanuc", reading=True)
     modal = Modal(d, MEANINGS[d.name](), chain, tuple(reversed), rollover, skip)
     configuration = Configuration(None if ini is None else Path(ini))
     try:
@@ -148,15 +149,18 @@ def _run(text: str, modal: Modal) -> None:
             return
 
 
+def _looks_like(text: str, path: Path) -> str:
+    """The dialect that a program's ending and words speak for; empty where they speak for none."""
+    if re.search(r"\bBEGIN\s+PGM\b|^%\S+\s+G7[01]\s*\*", text, re.MULTILINE) or path.suffix.lower() in (".h", ".i"):
+        return "heidenhain"
+    if path.suffix.lower() in (".mpf", ".spf") or re.search(r"\bG7[01]0\b|\bTRAORI\b|\bFGROUP\b", text):
+        return "siemens"
+    return "linuxcnc" if path.suffix.lower() == ".ngc" else ""
+
+
 def _hint(text: str, path: Path, dialect: str) -> str:
     """What to say where a program looks like that of another control."""
-    other = ""
-    if re.search(r"\bBEGIN\s+PGM\b|^%\S+\s+G7[01]\s*\*", text, re.MULTILINE) or path.suffix.lower() in (".h", ".i"):
-        other = "heidenhain"
-    elif path.suffix.lower() in (".mpf", ".spf") or re.search(r"\bG7[01]0\b|\bTRAORI\b|\bFGROUP\b", text):
-        other = "siemens"
-    elif path.suffix.lower() == ".ngc":
-        other = "linuxcnc"
+    other = _looks_like(text, path)
     if other in ("", dialect):
         return ""
     control = {"heidenhain": "HEIDENHAIN", "siemens": "Siemens", "linuxcnc": "LinuxCNC"}[other]

@@ -24,14 +24,14 @@ class Reading:
     """How an NC file is read; as :func:`mjsim.nc.read.read_nc` has it.
 
     Attributes:
-        dialect: Whose program it is.
+        dialect: Whose program it is; ``None``: as its ending and its words say.
         reversed: Rotary axes of the other sign.
         rollover: Whether a round axis goes the short way.
         skip: Whether blocks with ``/`` are left out.
         ini: Configuration of LinuxCNC.
     """
 
-    dialect: str = "fanuc"
+    dialect: str | None = None
     reversed: tuple[str, ...] = ()
     rollover: bool | None = None
     skip: bool = False

@@ -60,7 +60,8 @@ class PartDialog:
             self.program = ui.select(names, value="s-shape", label="Part").props("dense").style("min-width: 230px")
             self.program.mark("part program")
             self.file = ui.input("Path of the NC file").props("dense").style("min-width: 240px")
-            self.dialect = ui.select(list(READABLE), value="fanuc", label="Control").props("dense")
+            controls = {"": "as the file says"} | {name: name for name in READABLE}
+            self.dialect = ui.select(controls, value="", label="Control").props("dense")
             for asked in (self.file, self.dialect):
                 asked.bind_visibility_from(self.program, "value", value=_FILE)
             x, y, z = (round(v / MM, 3) for v in self.live.bench.opened.tests[0].table_ball)
@@ -81,7 +82,9 @@ class PartDialog:
         zero = tuple(float(n.value or 0.0) * MM for n in self.zero)
         allowed = float(self.allowed.value or 0.0)
         tolerance = allowed * UM if allowed > 0.0 else None
-        run = PartRun(name, (zero[0], zero[1], zero[2]), reading=Reading(self.dialect.value), tolerance=tolerance)
+        run = PartRun(
+            name, (zero[0], zero[1], zero[2]), reading=Reading(self.dialect.value or None), tolerance=tolerance
+        )
         self.says.text = "predicting …"
         result = await self.work("predict", lambda _: self.live.bench.predict(run))
         if result is None:

@@ -58,9 +58,8 @@ INSTRUMENTS = {
     SphereReading.instrument: "an R-test",
     LogTest.instrument: "the control (axis logs)",
 }
-#: Endings of NC programs, and whose they are where it is not Fanuc.
+#: Endings of NC programs.
 PROGRAMS = (".nc", ".ngc", ".tap", ".mpf", ".spf", ".h", ".cnc", ".eia", ".min")
-_DIALECT = {".mpf": "siemens", ".spf": "siemens", ".ngc": "linuxcnc", ".h": "heidenhain"}
 #: Largest file that may be dropped, bytes.
 LARGEST = 200_000_000
 
@@ -378,8 +377,6 @@ class Draft:
         kept.parent.mkdir(exist_ok=True)
         shutil.copyfile(path, kept)
         keys = {"program": f"programs/{path.name}"}
-        if path.suffix.lower() in _DIALECT:
-            keys["program_dialect"] = _DIALECT[path.suffix.lower()]
         try:
             self._edit(lambda document: _named_table(document, name).update(keys))
         except InputError:
