@@ -6,6 +6,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
+from mjsim.linuxcnc import inside
 from mjsim.linuxcnc.configuration import Settings, check_settings, kinematics, write_configuration
 from mjsim.linuxcnc.record import Record, held_against
 from mjsim.linuxcnc.run import _Busy, _starved, missing, run_program
@@ -245,6 +247,20 @@ def test_a_control_that_is_stuck_is_started_again(monkeypatch):
     stuck = 9
     with pytest.raises(InputError, match=r"LinuxCNC: it stands still at line 2 of the program, also at 1 times"):
         run_program("M30\n")
+
+
+@pytest.mark.parametrize(
+    ("said", "again"), [("Queue is not empty after probing", True), ("Linear move on line 3 exceeds X", False)]
+)
+def test_what_only_a_busy_computer_makes_the_control_say_is_tried_again(said, again):
+    messages = iter([(11, said)])
+    loop = inside.Loop.__new__(inside.Loop)
+    loop.c, loop.stream = SimpleNamespace(error=OSError), None
+    loop.stat = SimpleNamespace(poll=lambda: None)
+    loop.errors = SimpleNamespace(poll=lambda: next(messages, None))
+    with pytest.raises(inside.Failure, match=said) as failure:
+        loop.poll()
+    assert isinstance(failure.value, inside.Stuck) == again
 
 
 # -- the control itself ------------------------------------------------------------------------------------------------

@@ -23,6 +23,9 @@ _PATIENCE = 60.0
 #: The control is taken for stuck when it has neither moved, read a block nor dwelled for so long, s. A busy computer
 #: has been seen to do it, once in some hundred runs.
 _STUCK = 30.0
+#: What LinuxCNC up to 2.9 says on a busy computer although nothing is wrong: it has read on before the probe's move was
+#: in its queue (https://github.com/LinuxCNC/linuxcnc/issues/3650).
+_TOO_EARLY = "Queue is not empty after probing"
 
 
 class Failure(Exception):
@@ -30,7 +33,7 @@ class Failure(Exception):
 
 
 class Stuck(Failure):
-    """The run stands still: another one may not."""
+    """The run stands still, or the control has fallen over its own pace: another one may not."""
 
 
 class Loop:
@@ -103,7 +106,8 @@ class Loop:
             return False
         while error := self.errors.poll():
             if error[0] in _ERRORS:
-                raise Failure(error[1].strip())
+                said = error[1].strip()
+                raise Stuck(said) if said == _TOO_EARLY else Failure(said)
         while self.stream is not None and self.stream.readable:
             row = self.stream.read()
             self.rows.append(self.stream.sampleno)
