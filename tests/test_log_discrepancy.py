@@ -121,6 +121,14 @@ def test_the_size_of_a_correlated_rest_is_known_as_well_as_its_length_tells():
     assert found_in((noise + slow)[:400], 0.9e-6 * np.std(slow[:400]) / 1e-6).probability < 0.9
 
 
+def test_a_model_that_has_run_away_has_an_evidence():
+    """An unstable loop: all its derivatives are alike, and huge beside what the priors allow."""
+    entries = tuple(Entry("drive", name, 0.0, deviation=0.1) for name in ("inertia", "viscous", "velocity_gain"))
+    rows, wild = np.random.default_rng(2).normal(size=(2, 400))
+    found = discrepancy_of(AxisModel(None, "X", entries), [rows], [1e12 * np.outer(wild, np.ones(3))], [1.0], [1.0])
+    assert np.isfinite(found.evidence) and found.evidence < 0.0
+
+
 def test_what_a_column_explains_is_evidence_only_beside_what_is_left():
     """A wave of 0.1 µm: certain in white noise of 0.1 µm, and nothing beside a rest of 1 µm that is as fast."""
     random = np.random.default_rng(8)
