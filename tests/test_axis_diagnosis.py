@@ -10,11 +10,11 @@ from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.axis_log.compare import compare_logs
 from mjsim.commands.axis_log.diagnose import diagnose_logs
 from mjsim.commands.calibrate import calibrate
-from mjsim.inference.axis_logs.data import noise_of, period_of
+from mjsim.inference.axis_logs.data import axis_data, noise_of, period_of
 from mjsim.inference.axis_logs.entries import AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.inference.axis_logs.together import known_together
-from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
+from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)
 PI = Control(integral_time=0.04, feedforward=1.0)
@@ -38,6 +38,33 @@ def test_the_right_machine_leaves_the_noise(campaign, axis):
     """The independent integration and the compiled loop agree to a share of an encoder step."""
     result = compare_logs(*campaign(axis, PI, friction=axis.coulomb))
     assert result.rms < 0.1e-6
+
+
+@pytest.mark.parametrize("sample", [1e-3, 5e-4])
+def test_an_axis_that_rests_does_not_slide_because_its_encoder_is_noisy(tmp_path, sample):
+    """First samples look like a motion by chance. As if it slid from the start, half of the logs left 1 to 2 µm."""
+    control = replace(PI, sample=sample)
+    command = to_and_fro(sample)
+    for seed in range(12):
+        position, _ = record(FRICTION, control, command, 0.05e-6, seed)
+        folder = write_campaign(
+            tmp_path, csv(command, position, None, sample), machine_toml(FRICTION, control, False, 0.12), sample
+        )
+        assert compare_logs(read_campaign(folder), read_machine(folder / "machine.toml")).rms < 0.12e-6
+
+
+@pytest.mark.parametrize("first", [250, 480, 495])
+def test_a_log_may_begin_in_the_middle_of_a_motion(tmp_path, first):
+    """While the command moves, and just after it stopped, when the axis still does."""
+    slow = Control(position_gain=30.0)
+    command = to_and_fro()
+    position, _ = record(FRICTION, slow, command, 0.05e-6)
+    folder = write_campaign(
+        tmp_path, csv(command[first:], position[first:]), machine_toml(FRICTION, slow, False, 0.12), 1e-3
+    )
+    (data,) = axis_data(read_campaign(folder), "X", read_machine(folder / "machine.toml"))
+    speed = np.polyfit(1e-3 * np.arange(-10, 11), position[first - 10 : first + 11], 3)[2]
+    assert data.start[1] == pytest.approx(speed, abs=4e-4) and abs(speed) > 4e-4
 
 
 def test_a_log_that_names_no_controller_ran_under_the_only_one(campaign):

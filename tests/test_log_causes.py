@@ -9,8 +9,10 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.axis_log.compare import checked_logs
 from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.inference.axis_logs.candidates import Catalogue
 from mjsim.inference.axis_logs.data import axis_data
 from mjsim.inference.axis_logs.gains import read_gains, speed_limit
+from mjsim.inference.axis_logs.start import start_model
 from mjsim.simulation.servo import smoothed
 from tests.independent.logs import (
     Axis,
@@ -49,6 +51,18 @@ def diagnosed(tmp_path):
         return diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
 
     return make
+
+
+@pytest.mark.parametrize("control", [Control(), LOOSE])
+def test_no_control_feeds_a_speed_forward_with_the_wrong_sign(tmp_path, control):
+    """A feedforward of -0.38, where none is stated, stood for a part of a dead time."""
+    actual, _ = record(FRICTION, control, to_and_fro())
+    folder = write_campaign(tmp_path, csv(to_and_fro(), actual), machine_toml(FRICTION, control, False, 0.12))
+    machine = read_machine(folder / "machine.toml")
+    data = axis_data(read_campaign(folder), "X", machine)
+    causes = Catalogue(machine, data).missing(start_model(machine, data))
+    (entry,) = next(c.entries for c in causes if c.effect.kind == "velocity_feedforward")
+    assert control.feedforward + entry.lower == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize(("letter", "late", "sample"), [("X", 0.040, 1e-3), ("Z", 0.025, 5e-4)])

@@ -1,6 +1,7 @@
 """What a model leaves of axis logs: its size, what it makes of the verdict, and that it is said."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +11,17 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
 from mjsim.commands.axis_log.diagnose import diagnose_logs
-from mjsim.inference.axis_logs.data import AxisData, LogNoise
+from mjsim.inference.axis_logs.candidates import Catalogue
+from mjsim.inference.axis_logs.data import AxisData, LogNoise, axis_data
 from mjsim.inference.axis_logs.discrepancy import allowed_in, discrepancy_of
 from mjsim.inference.axis_logs.entries import AxisModel, Entry
-from tests.independent.logs import Axis, Control, csv, machine_toml, record, to_and_fro, write_campaign
+from mjsim.inference.axis_logs.probability import probability_known
+from mjsim.inference.axis_logs.start import start_model
+from tests.independent.logs import Axis, Control, csv, filtered, machine_toml, record, to_and_fro, write_campaign
 
 FRICTION = Axis(coulomb=0.12)
 MILLISECOND = Control()
+PI = Control(integral_time=0.04, feedforward=1.0)
 QUICK = Control(integral_time=0.04, feedforward=1.0, sample=5e-4)
 
 
@@ -75,6 +80,42 @@ def test_a_cause_outside_the_catalogue_is_never_identified(folder, place, width)
     assert not any(e.probability >= 0.95 for e in result.effects)
 
 
+@pytest.mark.parametrize(
+    ("kind", "time", "letter", "control"),
+    [("servo_delay", 0.035, "Z", MILLISECOND), ("command_filter", 0.01, "X", PI)],
+)
+def test_a_cause_that_the_catalogue_lacks_has_no_other_name(tmp_path, monkeypatch, kind, time, letter, control):
+    """A filter with a feedforward left 5 µm of the 2 mm of a dead time, and each had its name with 95 %."""
+    missing = Catalogue.missing
+    monkeypatch.setattr(Catalogue, "missing", lambda *given: [c for c in missing(*given) if c.effect.kind != kind])
+    command, late = to_and_fro(control.sample), round(time / control.sample)
+    told = filtered(command, control.sample, "lag_ms", time)
+    if kind == "servo_delay":
+        told = np.concatenate([np.full(late, command[0]), command[:-late]])
+    actual, _ = record(FRICTION, control, told, 0.05e-6)
+    machine = machine_toml(FRICTION, control, False, FRICTION.coulomb)
+    result = diagnosed(write_campaign(tmp_path, csv(command, actual), machine, control.sample, letter))
+    assert result.verdict == "unknown" and not any(e.probability >= 0.5 for e in result.effects)
+
+
+def test_a_fault_is_improbable_beside_an_unlisted_cause_and_friction_is_not(folder):
+    """Each explains 9 of 10 µm; the Coulomb torque of a data sheet that is wrong is a fault too."""
+    place = folder(FRICTION, MILLISECOND)
+    machine = read_machine(place / "machine.toml")
+    data = axis_data(read_campaign(place), "X", machine)
+    causes = {c.key: c for c in Catalogue(machine, data).missing(start_model(machine, data))}
+    less = SimpleNamespace(rms=10e-6)
+
+    def known(key, left):
+        fit = SimpleNamespace(rms=1e-6, discrepancy=SimpleNamespace(probability=left))
+        return probability_known(causes[key], fit, less)
+
+    for fault in ("servo_delay.X", "servo_gain.X", "friction.X shape torque"):
+        assert known(fault, 0.0) == 1.0 and known(fault, 1.0) < 0.01
+    for usual in ("constant_force.X", "friction.X shape", "torque_ripple.X order 1"):
+        assert known(usual, 1.0) == pytest.approx(0.9)
+
+
 def test_a_sound_machine_leaves_what_it_may(folder):
     place = folder(FRICTION, MILLISECOND)
     result = diagnosed(place)
@@ -119,6 +160,14 @@ def test_the_size_of_a_correlated_rest_is_known_as_well_as_its_length_tells():
     assert sure > 0.99 and 0.2 < open_ < 0.8
     # the shorter, the less is known
     assert found_in((noise + slow)[:400], 0.9e-6 * np.std(slow[:400]) / 1e-6).probability < 0.9
+
+
+def test_a_model_that_has_run_away_has_an_evidence():
+    """An unstable loop: all its derivatives are alike, and huge beside what the priors allow."""
+    entries = tuple(Entry("drive", name, 0.0, deviation=0.1) for name in ("inertia", "viscous", "velocity_gain"))
+    rows, wild = np.random.default_rng(2).normal(size=(2, 400))
+    found = discrepancy_of(AxisModel(None, "X", entries), [rows], [1e12 * np.outer(wild, np.ones(3))], [1.0], [1.0])
+    assert np.isfinite(found.evidence) and found.evidence < 0.0
 
 
 def test_what_a_column_explains_is_evidence_only_beside_what_is_left():

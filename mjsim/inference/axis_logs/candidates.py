@@ -214,7 +214,9 @@ class Catalogue:
                 out.append(Candidate(e, (self._linear(e, name, 1.0),), variant=name))
         if any(d.control.law is None for d in self.drives):
             e = self._make("velocity_feedforward", ratio=0.02)
-            out.append(Candidate(e, (self._linear(e, "ratio", 0.02),)))
+            # no control feeds a speed forward with the wrong sign
+            entry = replace(self._linear(e, "ratio", 0.02), lower=-min(d.feedforward for d in self.drives))
+            out.append(Candidate(e, (entry,)))
         if self.machine.factor is None:
             for kind in ("inertia", "viscous_friction", "velocity_gain", "servo_gain"):
                 known = self._position_gain() if kind == "servo_gain" else None

@@ -19,6 +19,8 @@ _BLOCK = 1e-3
 _MOST = 6000
 #: An axis rests where its command and its actual position keep within so many encoder steps for so long, s (assumed).
 _REST_STEPS, _REST = 4.0, 0.05
+#: Deviations of a speed, from the noise, beyond which an axis moves: noise reaches that in one of 16,000 starts.
+_MOVES = 4.0
 #: Time constants of the position loop after which it has forgotten a disturbance; position gain of a loop whose law
 #: does not state one, 1/s (assumed).
 _FORGOTTEN, _USUAL_GAIN = 3.0, 50.0
@@ -126,7 +128,7 @@ def axis_data(logs: Campaign, axis: str, machine: Machine, block: float = _BLOCK
         noise = noise_of(recording.time, record, resolution)
         drive = machine.under(test.controller).drives[axis]
         memory = _FORGOTTEN / (drive.position_gain if drive.control.law is None else _USUAL_GAIN)
-        start = _start(recording.time, record, resolution)
+        start = _start(recording.time, record, resolution, noise.rms)
         out.append(AxisData(test, axis, recording.time, record, size, start, noise, resolution, memory))
     return tuple(out) if not _counts_against(machine, out) else tuple(_turned(d) for d in out)
 
@@ -188,13 +190,21 @@ def _with_torque(record: AxisRecord, constant: float) -> AxisRecord:
     return replace(record, torque=constant * record.current)
 
 
-def _start(time: np.ndarray, record: AxisRecord, resolution: float) -> tuple[float, float]:
-    """Position and velocity at the first sample, from a parabola through the first samples."""
+def _start(time: np.ndarray, record: AxisRecord, resolution: float, noise: float) -> tuple[float, float]:
+    """Position and velocity at the first sample, from a parabola through the first samples.
+
+    A velocity that may be noise is none: an axis that moves begins with bristles that slide, one at rest with bristles
+    that hold, and the two differ by micrometres for long.
+    """
     n = int(np.clip(np.searchsorted(time, time[0] + 0.005), 5, 50))
-    c = np.polynomial.polynomial.polyfit(time[:n] - time[0], record.actual[:n], 2)
+    powers = np.vander(time[:n] - time[0], 3, increasing=True)
+    c = np.linalg.lstsq(powers, record.actual[:n], rcond=None)[0]
+    moves = abs(c[1]) > _MOVES * noise * np.linalg.norm(np.linalg.pinv(powers)[1])
     commanded = np.ptp(record.command[: 4 * n]) > 0.0
-    settling = abs(c[1]) * (time[n] - time[0]) > _REST_STEPS * resolution
-    return (float(c[0]), float(c[1])) if commanded or settling else (float(record.actual[:n].mean()), 0.0)
+    settling = moves and abs(c[1]) * (time[n] - time[0]) > _REST_STEPS * resolution
+    if not (commanded or settling):
+        return float(record.actual[:n].mean()), 0.0
+    return float(c[0]), float(c[1]) if moves else 0.0
 
 
 def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise:

@@ -135,15 +135,16 @@ def discrepancy_of(
             pull = pull + c.T @ (r / v)
             square += float(r @ (r / v)) + float(np.log(v).sum())
         step = bounded_step(normal, pull, 0.0, *room)
-        flexibility = float(np.linalg.slogdet(normal)[1] - np.log(precision).sum())
+        # in the deviations of the priors no eigenvalue is below one: a model that has run away is singular by rounding
+        sizes, ways = np.linalg.eigh(normal * np.outer(priors.deviation, priors.deviation))
+        sizes = np.maximum(sizes, 1.0)
+        flexibility = float(np.log(sizes).sum())
         evidence = -0.5 * (square - float((2.0 * pull - normal @ step) @ step) + flexibility)
         if evidence < before + _SETTLED:
             break
-        before, covariance = evidence, np.linalg.inv(normal)
+        before, spread = evidence, priors.deviation[:, None] * ways / np.sqrt(sizes)
         # where the entries are as well as they can be known
-        expected = [
-            (r - c @ step) ** 2 + np.sum(c @ covariance * c, axis=1) for r, c in zip(rows, columns, strict=True)
-        ]
+        expected = [(r - c @ step) ** 2 + np.sum((c @ spread) ** 2, axis=1) for r, c in zip(rows, columns, strict=True)]
     found = [_left(r, o) for r, o in zip(rows, octaves, strict=True)]
     left = tuple(s * float(np.sqrt(square)) for s, (square, _) in zip(noise, found, strict=True))
     limits = zip(found, allowed, noise, strict=False)  # of torques, nothing is said

@@ -4,10 +4,14 @@ Three things make a cause less than sure: that it is not there, that it is small
 The first is a matter of evidence (:mod:`mjsim.inference.axis_logs.search`). The second is one of its size and of its
 tolerance. A cause without one is small where it changes a recording by no more than a sound machine may leave there.
 The third is unknown by its nature. Where a model leaves more than a sound machine does, a cause that is in no catalogue
-is at work. Of what the causes found explain, a share like that which it leaves is taken for its own (assumed).
+is at work. Of what the causes found explain, a share like that which is left is then taken for its own (assumed). This
+is enough for what every axis has some of. A fault is a second one beside the unlisted one, and as improbable as before
+anything was recorded: its prior odds count as well.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from scipy.special import ndtr
@@ -23,6 +27,13 @@ from mjsim.inference.data_sheet import OF_SHEET
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import TOLERANCE, Machine
 
+#: Kinds that a machine as stated has none of: other numbers of the data sheet and of the control, and limits. Of the
+#: others every axis has some: no motor is without slots, no screw even, no drive rigid, and no friction follows a law.
+_FAULTS = {
+    *OF_SHEET,
+    *("command_filter", "current_clip", "loop_delay", "servo_delay"),
+    *("speed_limit", "velocity_feedforward", "voltage_limit"),
+}
 #: Share of the Coulomb friction that a torque may have which does not turn with the direction (assumed: a bearing drags
 #: a little more one way).
 _DIRECTION = 0.02
@@ -45,9 +56,12 @@ def probability_of_size(candidate: Candidate, fit: AxisFit, without: AxisFit) ->
     return float(ndtr((changed - np.square(fit.allowed)) / spread).max())
 
 
-def probability_known(fit: AxisFit, without: AxisFit) -> float:
+def probability_known(candidate: Candidate, fit: AxisFit, without: AxisFit) -> float:
     """Probability that what a cause explains is not that of a cause which is in no catalogue; arguments as there."""
-    return 1.0 - min(fit.rms / max(without.rms, 1e-30), 1.0) * fit.discrepancy.probability
+    share = min(fit.rms / max(without.rms, 1e-30), 1.0)
+    is_fault = candidate.effect.kind in _FAULTS or candidate.sheet
+    odds = math.exp(candidate.log_odds) if is_fault else 1.0
+    return 1.0 - fit.discrepancy.probability * share / (share + odds * (1.0 - share))
 
 
 def beyond_class(candidate: Candidate, fit: AxisFit) -> float | None:

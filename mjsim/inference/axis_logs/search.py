@@ -255,7 +255,7 @@ class AxisSearch(Ascent[LogModel]):
         own = model.evidence - rivals.without.evidence
         whole = probability_of_size(cause, fit, without) / (1.0 + float(np.exp(-np.clip(own, -700.0, 700.0))))
         told = names_to_tell(rivals.models, model.evidence)
-        p = whole * probability_known(fit, without)
+        p = whole * probability_known(cause, fit, without)
         others = {i: p * share for i, (share, _) in told.items()}
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
         tests = tuple(dict.fromkeys(d.name for d, there in zip(self.fitter.rows, shows, strict=True) if there))
