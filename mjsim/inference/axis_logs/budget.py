@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
+from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, LOAD, NUISANCES, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.inference.budget import Budget, explained_by
 from mjsim.machine.model import SHEET_NAMES, sheet_name
@@ -55,7 +55,7 @@ def log_budget(fit: AxisFit) -> tuple[Budget, ...]:
     entries, covariance, out = fit.model.entries, fit.covariance, []
     blocks: dict[str, list[int]] = {"set_up": [], "data_sheet": [], "other_errors": []}
     for i, e in enumerate(entries):
-        blocks["set_up" if e.owner in NUISANCES else "data_sheet" if _is_sheet(e) else "other_errors"].append(i)
+        blocks["data_sheet" if _is_sheet(e) else "set_up" if e.owner in NUISANCES else "other_errors"].append(i)
     for n in _numbers(fit):
         moved = covariance @ n.gradient
         rows = {"noise": 0.0, "not_understood": 0.0}
@@ -105,7 +105,7 @@ def _numbers(fit: AxisFit) -> Iterator[_Number]:
 
 def _is_sheet(e: Entry) -> bool:
     """Whether a number is one of the data sheet."""
-    return e.owner in (DRIVE, CONTROLLER) or e.name in SHEET_NAMES
+    return e.owner in (DRIVE, CONTROLLER, LOAD) or e.name in SHEET_NAMES
 
 
 def _slope(e: Entry) -> float:
