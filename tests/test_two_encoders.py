@@ -160,6 +160,8 @@ def test_play_and_compliance_are_told_apart(tmp_path):
     result = diagnosed(place, 2)
     assert result.verdict == "identified" and result.rest == ()
     told_apart(result.effects, "X", 200.0, 6.0)
+    (stiffness,) = (b for b in result.budget if b.number == "stiffness_N_per_um")
+    assert stiffness.largest == "machine_model"
     log = place / "traces" / "log.csv"
     log.write_text("\n".join(line.rpartition(",")[0] for line in log.read_text().splitlines()) + "\n")
     alone = diagnosed(place, 2)
