@@ -200,6 +200,8 @@ class SearchHints:
 
 #: Most components of one effect: each is an operation in every step of a simulation.
 MOST_COMPONENTS = 1000
+#: Highest order of one.
+MOST_ORDER = 2000
 
 
 class Effect(ABC):
@@ -328,10 +330,10 @@ class Effect(ABC):
                     f"effect {self.id}: component {shown(row)}; allowed: [order, amplitude, phase_deg], three numbers"
                 )
             order, amplitude, phase = row
-            if not 0 < order <= 2000 or not abs(amplitude) <= p.upper or not math.isfinite(phase):
+            if not 0 < order <= MOST_ORDER or not abs(amplitude) <= p.upper or not math.isfinite(phase):
                 raise InputError(
                     f"effect {self.id}: component {shown(list(row))} is out of bounds; "
-                    f"allowed: order above 0 to 2000, amplitude up to {p.upper:g}, finite phase"
+                    f"allowed: order above 0 to {MOST_ORDER}, amplitude up to {p.upper:g}, finite phase"
                 )
             rows.append([float(x) for x in row])
         return rows

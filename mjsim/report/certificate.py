@@ -318,6 +318,7 @@ _HEADS = {
     "set_up": "Set-up",
     "instrument": "Instrument",
     "data_sheet": "Data sheet",
+    "machine_model": "Model of the machine",
     "other_errors": "Other errors",
     "not_understood": "Not under-stood",
     "choice_of_model": "Choice of model",

@@ -180,7 +180,13 @@ def page(rows: list[dict]) -> str:
         ["", "circles", "mjsim, probe", "mjsim, bar and probe"], [_beside(rows, n, unit[n]) for n in LOCATIONS]
     )
     out += ["Other errors inside their 95 % intervals; RMS of error over standard deviation:"]
-    out += table(["", *ROUTES], [[n, *(inside(rows, r, (n,)) for r in ROUTES)] for n in OTHERS])
+    body = [[n, *(inside(rows, r, (n,)) for r in ROUTES)] for n in OTHERS]
+    # a fault of one scale that is no finding moves all three, so that these machines stand by themselves
+    scaled = [(r["fault"] or {"id": ""})["id"].startswith("scale_error") for r in rows]
+    for what, wanted in (("on machines without a fault of it", False), ("on machines with one", True)):
+        group = [r for r, is_scaled in zip(rows, scaled, strict=True) if is_scaled == wanted]
+        body.append([f"scale_error {what}", *(inside(group, r, ("scale_error",)) for r in ROUTES)])
+    out += table(["", *ROUTES], body)
     out += ["Faults that were named, or named as one of several that the data cannot tell apart (+):"]
     body = []
     for kind in (k for k in routes.FAULTS if any(r["fault"]["id"].startswith(k) for r in faulty)):

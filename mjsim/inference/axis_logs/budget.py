@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, NUISANCES, Entry
+from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, LOAD, NUISANCES, Entry
 from mjsim.inference.axis_logs.fit import AxisFit
+from mjsim.inference.budget import REMEDIES as MACHINE_REMEDIES
 from mjsim.inference.budget import Budget, explained_by
 from mjsim.machine.model import SHEET_NAMES, sheet_name
 from mjsim.units import unit_of
@@ -26,6 +27,7 @@ from mjsim.units import unit_of
 REMEDIES = {
     "noise": "more recordings of the same motion",
     "set_up": "recordings of other motions of the axis (`mjsim plan`)",
+    "machine_model": MACHINE_REMEDIES["machine_model"],
     "data_sheet": "a recorded torque or current, and motions at other speeds (`mjsim plan`)",
     "other_errors": "motions that tell the causes apart (`mjsim plan`)",
     "not_understood": "finding the cause of what is left",
@@ -55,7 +57,9 @@ def log_budget(fit: AxisFit) -> tuple[Budget, ...]:
     entries, covariance, out = fit.model.entries, fit.covariance, []
     blocks: dict[str, list[int]] = {"set_up": [], "data_sheet": [], "other_errors": []}
     for i, e in enumerate(entries):
-        blocks["set_up" if e.owner in NUISANCES else "data_sheet" if _is_sheet(e) else "other_errors"].append(i)
+        nuisance = "machine_model" if e.owner == LOAD else "set_up"
+        row = nuisance if e.owner in NUISANCES else "data_sheet" if _is_sheet(e) else "other_errors"
+        blocks.setdefault(row, []).append(i)
     for n in _numbers(fit):
         moved = covariance @ n.gradient
         rows = {"noise": 0.0, "not_understood": 0.0}

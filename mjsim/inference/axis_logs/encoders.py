@@ -4,16 +4,19 @@ Where the encoder at the load was recorded beside that of the motor, their diffe
 control is in it. The recorded motion of the motor goes through the operations of the effects of exactly this axis
 (:mod:`mjsim.simulation.transmission`), and what comes out is held against the load's encoder:
 
-    load(t) = transmission(motor(t)) + zero − late · velocity − (Jl / k) · acceleration
+    load(t) = transmission(motor(t)) + twist(t) + zero − late · velocity
+    twist'' + 2 ζ ω twist' + ω² twist = −motor'',  ω² = k / Jl
 
 ``zero`` and ``late``, the time by which the load's encoder is read later, are of each recording; so is the place in the
-play where a recording begins. The last term is a compliant drive of stiffness k before the moving mass Jl, below its
-resonance; where the moving mass is not known, Jl / k is a number of each recording, and no cause is named.
+play where a recording begins. The twist is that of a compliant drive of stiffness k, behind which the moving mass Jl
+swings with the damping ratio ζ: −(Jl / k) · acceleration where the motor moves slowly against the swing, and a ringing
+where it does not. The recordings know Jl / k. So a stiffness is known no better than the moving mass. Where there is no
+model of that, Jl / k is a number of each recording, by which the load lags without a swing, and no cause is named.
 
 In a play, the load is free. Between the flanks only its slide's friction brakes it, by a deceleration ``glide`` and by
-a ``drag`` that grows with the speed: ``y'' = −glide · sign(y') − drag · y'``; at a flank it takes the speed of the
-motor, and the compliance acts there alone. A load with much friction stays until the motor has turned back: that is the
-play of the catalogue. One that glides changes the flank where the motor slows down.
+a ``drag`` that grows with the speed: ``y'' = −glide · sign(y') − drag · y'``; at a flank it takes the speed of what
+moves it, the motor and the twist. A load with much friction stays until that has turned back: that is the play of the
+catalogue. One that glides changes the flank where it slows down.
 
 The recorded motion of the motor has noise, which the load does not follow: noise that went to and fro at a flank would
 push the load off it, and the play would come out too wide. So the load leaves a flank only where the motor would have
@@ -30,6 +33,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
+from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from mjsim.effects import registry
@@ -37,16 +43,16 @@ from mjsim.inference.axis_logs.candidates import Candidate, wave_entries
 from mjsim.inference.axis_logs.data import AxisData, LogNoise, noise_of
 from mjsim.inference.axis_logs.derivatives import AxisRuns
 from mjsim.inference.axis_logs.discrepancy import pitch_limit
-from mjsim.inference.axis_logs.entries import DRAG, GLIDE, LAG, OFFSET, PHASE, SHIFT, START_PLAY, AxisModel, Entry
+from mjsim.inference.axis_logs.entries import DRAG, GLIDE, LAG, LOAD, OFFSET, PHASE, SHIFT, START_PLAY, AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.search import AxisSearch
 from mjsim.inference.axis_logs.start import MOST_SHIFT
 from mjsim.inference.axis_logs.waves import near, orders_over
 from mjsim.instruments.axis_log.measurement import AxisRecord
 from mjsim.machine.bodies import has_model
-from mjsim.machine.effect import Effect
+from mjsim.machine.effect import MOST_ORDER, Effect
 from mjsim.machine.model import Machine, build
-from mjsim.machine.plant import PLAY
+from mjsim.machine.plant import PLAY, AxisPlant
 from mjsim.simulation.servo import ServoMotion
 from mjsim.simulation.transmission import transmit
 from mjsim.units import DEG
@@ -69,22 +75,29 @@ _DRAG, _BRAKED = 1.0, 3.0
 _OF_EACH = (SHIFT, OFFSET, START_PLAY, GLIDE, DRAG)
 #: Usual Jl / k of a drive, s²: 40 Hz and more (assumed).
 _LAG = 1e-6
+#: Usual damping ratio of a load on its drive, and prior deviation of its logarithm (assumed).
+_DAMPING, _DAMPED = 0.05, 1.0
+#: Relative deviations of what an axis moves from the solids of the machine's model, which are those of a usual machine
+#: without a workpiece, and of a damping from one that grows with the speed (assumed). By what they make unsure.
+_GRANTED = {"stiffness_": 0.2, "damping_ratio": 0.1}
 #: Deviation of an encoder's zero against the other's, encoder steps: each counts from where it was switched on.
 _ANYWHERE = 1e6
 
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """The recorded motion of the motor in one recording, (n,) axis units each, and per s.
+    """A motion in one recording, (n,) axis units each, and per s: that of the motor as recorded, or of what stands
+    behind a compliant drive.
 
     Attributes:
-        position: As recorded.
+        position: With the noise of the encoder.
         velocity: Of a parabola through the samples around.
         acceleration: The same.
         smooth: With less noise.
         speed: Change of the parabola's position since the sample before.
         way: Direction of the motion, −1, 0, 1; 0 where its speed is no more than noise.
         least: The largest acceleration that noise makes of it.
+        noise: RMS of that of the position.
     """
 
     position: np.ndarray
@@ -94,6 +107,7 @@ class RecordedMotion:
     speed: np.ndarray
     way: np.ndarray
     least: float
+    noise: float
 
 
 class EncoderFitter(LogFitter):
@@ -107,7 +121,8 @@ class EncoderFitter(LogFitter):
     def __init__(self, machine: Machine, data: Sequence[AxisData], threads: int = 2) -> None:
         super().__init__(machine, data, threads)
         self.measured = [d.means(self.difference(d)) for d in self.data]
-        self._motions = [_motion(d) for d in self.data]
+        self._motions = [_motor(d) for d in self.data]
+        self._bends = [_bend(d) for d in self.data]
         self._sure = [np.ones(len(m)) for m in self.measured]
         self._column = machine.chain.index(self.data[0].axis)
 
@@ -132,19 +147,20 @@ class EncoderFitter(LogFitter):
         ops = ops[ops[:, 1] == self._column]
         play = ops[:, 0] == PLAY
         drive = plant.axes[model.axis]
-        lag = model.nuisance(vector, LAG, d.name)
-        lag += drive.load_inertia / drive.stiffness if drive.load_inertia > 0.0 else 0.0
         half = float(ops[play, 3].sum()) + drive.play / drive.gear  # the latter is inside the position loop
-        out = -lag * m.acceleration
+        if drive.load_inertia > 0.0:
+            moves = _swinging(m, self._bends[k], d.step, drive)
+        else:
+            moves = replace(m, smooth=m.smooth - model.nuisance(vector, LAG, d.name) * m.acceleration)
+        out = moves.smooth - m.position  # the load does not follow the noise of the motor's encoder
         if half > 0.0:
-            out = behind_play(
-                m.position, m.smooth, m.speed, m.way, m.acceleration, m.least, out, half, brake, drag, d.step, start
-            )
+            told = moves.smooth, moves.speed, moves.way, moves.acceleration, moves.least
+            out += behind_play(*told, half, brake, drag, d.step, start)
         if not play.all():
             motor = np.zeros((len(d.time), len(plant.chain.columns)))
             motor[:, self._column] = m.position
             out += transmit(ops[~play], motor, d.time)[:, self._column] - m.position
-        return out + zero - late * m.velocity
+        return out + zero - late * moves.velocity
 
     def means(self, axes: AxisRuns, model: AxisModel, vector: np.ndarray, k: int) -> tuple[np.ndarray, ...]:
         """Block means of :meth:`positions`, times how sure they are."""
@@ -167,7 +183,7 @@ class EncoderFitter(LogFitter):
                 fit = replace(fit, model=again.model, residual=residual, independent=again.independent, weight=weight)
         finally:
             self._sure, self.measured = [np.ones(len(m)) for m in recorded], recorded
-        return fit
+        return _as_the_model(fit)
 
     def axes(self, model: AxisModel, vector: np.ndarray) -> AxisRuns:
         """Nothing: no drive is simulated."""
@@ -177,6 +193,19 @@ class EncoderFitter(LogFitter):
         """RMS that a sound transmission may leave in each recording: a pitch error of its class."""
         most = pitch_limit(self.machine, model.axis)
         return tuple(float(np.hypot(d.resolution, most)) for d in self.data)
+
+
+def _as_the_model(fit: AxisFit) -> AxisFit:
+    """A fit with factors on what the model of a compliant drive takes for granted: on its moving mass, which changes
+    recordings as one over the stiffness does, and on its damping.
+    """
+    entries, design = list(fit.model.entries), list(fit.design)
+    for name, deviation in _GRANTED.items():
+        there = next((j for j, e in enumerate(fit.model.entries) if e.name.startswith(name)), None)
+        if there is not None:
+            entries.append(Entry(LOAD, name, 1.0, fit.model.axis, deviation, log=True))
+            design = [np.column_stack([d, -d[:, there]]) for d in design]
+    return replace(fit, model=replace(fit.model, entries=tuple(entries)), design=tuple(design))
 
 
 def _sureness(d: AxisData, residual: np.ndarray) -> np.ndarray:
@@ -240,9 +269,14 @@ class EncoderCatalogue:
                 out += [Candidate(effect, (self._entry(effect), *more)) for more in self._ways(kind)]
         effect = self._make("drive_compliance")
         if effect is not None and effect.id not in has:
-            p = effect.parameters_of(self.axis)[0]
+            effect = self._as_soft_as_seen(effect)
+            p, z = effect.parameters_of(self.axis)
             stiff = Entry(effect.id, p.name, effect.values[p.name], log=True, deviation=10.0, lower=p.lower, upper=1e12)
-            out.append(Candidate(effect, (stiff,)))
+            damped = {"log": True, "deviation": _DAMPED, "lower": z.lower, "upper": z.upper}
+            free = stiff, Entry(effect.id, z.name, _DAMPING, **damped)
+            # a load that seemed to glide in its play may only have rung
+            held = tuple(glide_entry(d, _GLIDES[0]) for d in self.data)
+            out += [Candidate(effect, (*free, *more)) for more in ((), held)]
         return out + self._waves(model, orders)
 
     def _ways(self, kind: str) -> list[tuple[Entry, ...]]:
@@ -257,6 +291,7 @@ class EncoderCatalogue:
         of_turn = self.machine.drives[self.axis].gear if self.machine.chain.is_rotary(self.axis) else 1.0
         size = registry.kinds()["pitch_error"].parameters_of(self.axis)[0].scale
         fresh = [round(o * of_turn, 6) for o in orders if not near(o, [t / of_turn for t in there])]
+        fresh = [o for o in fresh if o <= MOST_ORDER]
         out = []
         for order in fresh if len(there) < _MOST_WAVES else []:
             effect = registry.make(f"pitch_error.{self.axis}", self.machine.chain, components=[[order, size, 0.0]])
@@ -277,6 +312,18 @@ class EncoderCatalogue:
         unit = effect.si(p.name) / effect.values[p.name]
         seen = 2.0 * max(float(np.std(EncoderFitter.difference(d))) for d in self.data) / unit
         return effect.replaced(**{p.name: min(max(seen, p.scale), p.upper)})
+
+    def _as_soft_as_seen(self, effect: Effect) -> Effect:
+        """A drive as soft as the part of the encoders' difference that goes with the acceleration says."""
+        drive = build(self.machine.with_effect(effect)).axes[self.axis]
+        lags = []
+        for d in self.data:
+            m = _motor(d)
+            beside = np.column_stack([-m.acceleration, m.way, np.ones(len(m.way))])  # a play goes with the direction
+            lags.append(float(np.linalg.lstsq(beside, EncoderFitter.difference(d))[0][0]))
+        p, lag = effect.parameters_of(self.axis)[0], max(lags)
+        stiff = effect.values[p.name] * drive.load_inertia / drive.stiffness / max(lag, 1e-30)
+        return effect.replaced(**{p.name: max(stiff, p.lower)}) if lag > 0.0 else effect
 
     def _entry(self, effect: Effect) -> Entry:
         p = effect.parameters_of(self.axis)[0]
@@ -323,23 +370,22 @@ def nuisances_between(machine: Machine, data: Sequence[AxisData]) -> AxisModel:
 
 def glide_entry(d: AxisData, share: float) -> Entry:
     """Deceleration of a load that is free, in a recording: as a ``share`` of the motor's largest."""
-    most = float(np.abs(_motion(d).acceleration).max())
+    most = float(np.abs(_motor(d).acceleration).max())
     low, high = 1e-6 * most, 1e3 * most
     return Entry(GLIDE, GLIDE, share * most, d.name, _BRAKED, log=True, lower=low, upper=high, centre=most)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def behind_play(motor, smooth, speed, way, acceleration, least, bent, half, brake, drag, step, start):
-    """Positions of a load behind a play less those of its motor, (n,).
+def behind_play(motor, speed, way, acceleration, least, half, brake, drag, step, start):
+    """Positions of a load behind a play less those of what moves it, (n,).
 
     Args:
-        motor: Positions of the motor as recorded, (n,) axis units.
-        smooth: The same with less noise, (n,).
+        motor: Positions of what moves it, the motor or what stands behind a compliant drive, with little noise, (n,)
+            axis units.
         speed: Its speeds, (n,) per s.
         way: Direction in which it moves, −1, 0, 1 (n,).
         acceleration: (n,) per s².
         least: The largest that noise makes of an acceleration, per s².
-        bent: What the drive's compliance adds where a flank carries the load, (n,).
         half: Half of the play's width.
         brake: Deceleration of the load while it is free, per s².
         drag: The part of it that grows with the speed, 1/s.
@@ -351,39 +397,112 @@ def behind_play(motor, smooth, speed, way, acceleration, least, bent, half, brak
     for i in range(len(motor)):
         if flank != 0.0:
             # a motor that turns back has pushed the load no farther than to where it turned
-            if (smooth[i] - farthest) * flank < 0.0 or way[i - 1] * flank > 0.0:
-                farthest = smooth[i]
+            if (motor[i] - farthest) * flank < 0.0 or way[i - 1] * flank > 0.0:
+                farthest = motor[i]
             if (acceleration[i] + brake * way[i] + drag * speed[i]) * flank > least:  # it would have to pull the load
-                y, v, flank = farthest + flank * half + bent[i], speed[i], 0.0
+                y, v, flank = farthest + flank * half, speed[i], 0.0
         else:
             lost = brake * step
             v = (v - math.copysign(lost, v)) / (1.0 + drag * step) if abs(v) > lost else 0.0
             y += v * step
-            ahead = y - smooth[i] - bent[i]
+            ahead = y - motor[i]
             if abs(ahead) >= half:
-                flank, farthest = math.copysign(1.0, ahead), smooth[i]
-        out[i] = flank * half + bent[i] if flank != 0.0 else y - motor[i]
+                flank, farthest = math.copysign(1.0, ahead), motor[i]
+        out[i] = flank * half if flank != 0.0 else y - motor[i]
     return out
 
 
-def _motion(d: AxisData) -> RecordedMotion:
-    """The recorded motion of the motor, by parabolas through the samples around."""
-    width = 2 * max(2, round(0.5 * _SMOOTH / d.step)) + 1
+def twist(acceleration: np.ndarray, step: float, lag: float, ratio: float) -> np.ndarray:
+    """Positions of a mass on a spring less those of the motor that drives it, (n,). It does not swing at the start.
+
+    Args:
+        acceleration: Of the motor, (n,) axis units per s², straight between samples that are ``step`` apart.
+        step: s.
+        lag: Mass over stiffness, s².
+        ratio: Damping ratio.
+    """
+    turn = step / math.sqrt(lag)
+    way = expm(turn * np.array([[0.0, 1.0], [-1.0, -2.0 * ratio]]))
+    return _swung(lag * acceleration, way, turn, ratio)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _swung(bend, way, turn, ratio):
+    """Solution of x'' + 2 ratio x' + x = −bend at the times 0, turn, …; bend (n,) is straight between them.
+
+    Args:
+        bend: (n,)
+        way: What becomes of x and x' alone from one time to the next, (2, 2).
+        turn: Between two times.
+        ratio: Damping ratio.
+    """
+    out = np.empty(len(bend))
+    x, v = -bend[0], 0.0
+    for i in range(len(bend)):
+        out[i] = x
+        if i + 1 < len(bend):
+            rate = (bend[i + 1] - bend[i]) / turn  # x = 2 ratio · rate − bend solves it, with x' = −rate
+            free, swing = x + bend[i] - 2.0 * ratio * rate, v + rate
+            x = way[0, 0] * free + way[0, 1] * swing - bend[i + 1] + 2.0 * ratio * rate
+            v = way[1, 0] * free + way[1, 1] * swing - rate
+    return out
+
+
+def _motor(d: AxisData) -> RecordedMotion:
+    """The recorded motion of the motor."""
     recorded, noise = d.record.actual, noise_of(d.time, d.record, d.resolution).rms
+    return _motion(recorded, _smoothed(recorded, noise, 2 * _reach(_SMOOTH, d.step) + 1), d.step, noise, _SMOOTH)
+
+
+def _swinging(m: RecordedMotion, bend: np.ndarray, step: float, drive: AxisPlant) -> RecordedMotion:
+    """The motion behind a compliant drive.
+
+    A swing with fewer than three samples in a half of it is not seen: there the load lags as below its resonance, and
+    leaves a flank when the motor does.
+
+    Args:
+        m: Of the motor.
+        bend: Accelerations of the motor, (n,).
+        step: Time between two samples, s.
+        drive: Compliant.
+    """
+    lag = drive.load_inertia / drive.stiffness
+    ratio, half = drive.damping / (2.0 * drive.stiffness * math.sqrt(lag)), math.pi * math.sqrt(lag)
+    if half < 3.0 * step:
+        return replace(m, smooth=m.smooth - lag * m.acceleration)
+    bent = twist(bend, step, lag, ratio)
+    return _motion(m.position + bent, m.smooth + bent, step, m.noise, half)
+
+
+def _reach(over: float, step: float) -> int:
+    """Samples to each side of one within a time."""
+    return max(2, round(0.5 * min(over, _SMOOTH) / step))
+
+
+def _motion(recorded: np.ndarray, smooth: np.ndarray, step: float, noise: float, over: float) -> RecordedMotion:
+    """A motion, by parabolas through the samples around.
+
+    Args:
+        recorded: Positions, (n,) axis units.
+        smooth: The same with less noise.
+        step: Between them, s.
+        noise: RMS of theirs.
+        over: Time that a parabola spans, s.
+    """
+    width = 2 * _reach(over, step) + 1
     wide, velocity, acceleration = (
-        np.asarray(savgol_filter(recorded, width, 2, deriv=n, delta=d.step)) for n in range(3)
+        np.asarray(savgol_filter(recorded, width, 2, deriv=n, delta=step)) for n in range(3)
     )
     # what a free load goes on with: the last change of exactly this position, half a step before
-    speed = np.diff(wide, prepend=wide[:1]) / d.step
+    speed = np.diff(wide, prepend=wide[:1]) / step
     # noise of a sum of samples by their weights, and the largest of n normal values
-    weights, most = savgol_coeffs(width, 2), noise * float(np.sqrt(2.0 * np.log(len(d.time))))
+    weights, most = savgol_coeffs(width, 2), noise * float(np.sqrt(2.0 * np.log(len(recorded))))
     of_position, of_speed, of_acceleration = (
         most * float(np.linalg.norm(w))
-        for w in (weights, np.diff(np.pad(weights, 1)) / d.step, savgol_coeffs(width, 2, deriv=2, delta=d.step))
+        for w in (weights, np.diff(np.pad(weights, 1)) / step, savgol_coeffs(width, 2, deriv=2, delta=step))
     )
     way = _way(wide, speed, 2.0 * of_position, of_speed)
-    smooth = _smoothed(recorded, noise, width)
-    return RecordedMotion(recorded, velocity, acceleration, smooth, speed, way, of_acceleration)
+    return RecordedMotion(recorded, velocity, acceleration, smooth, speed, way, of_acceleration, noise)
 
 
 def _smoothed(recorded: np.ndarray, noise: float, widest: int) -> np.ndarray:
@@ -395,6 +514,24 @@ def _smoothed(recorded: np.ndarray, noise: float, widest: int) -> np.ndarray:
         out = np.where(left < noise**2 * (1.0 + 3.0 * np.sqrt(2.0 / width)), smooth, out)
         width = 2 * width - 1
     return out
+
+
+def _bend(d: AxisData) -> np.ndarray:
+    """Accelerations of the motor, (n,), with as little noise as goes, and whole where it swings.
+
+    They are those of a cubic spline, through the widest quartics that leave no more than the noise anywhere around. A
+    swing of the motor that is lost here is missed in that of the load, times the resonance.
+    """
+    recorded, noise, width = d.record.actual, noise_of(d.time, d.record, d.resolution).rms, 7
+    out = recorded
+    while width <= 2.0 * _SMOOTH / d.step:
+        smooth, free = np.asarray(savgol_filter(recorded, width, 4)), 1.0 - 5.0 / width
+        left = np.convolve((recorded - smooth) ** 2, np.ones(width) / width, "same")
+        fits = left < noise**2 * (free + 3.0 * np.sqrt(2.0 * free / width))
+        out = np.where(minimum_filter1d(fits, width), smooth, out)
+        width = 2 * width - 1
+    time = d.step * np.arange(len(out))
+    return np.asarray(CubicSpline(time, out)(time, 2))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

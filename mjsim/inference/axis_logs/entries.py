@@ -19,10 +19,12 @@ from mjsim.machine.model import Machine
 
 #: Owners of entries that are no effects.
 DRIVE, CONTROLLER, SHIFT, ZERO, START_TORQUE, PHASE = "drive", "controller", "shift", "zero", "start_torque", "phase"
-START_PLAY, GLIDE, DRAG, LAG, OFFSET = "start_play", "glide", "drag", "lag", "offset"
+START_PLAY, GLIDE, DRAG, OFFSET = "start_play", "glide", "drag", "offset"
+#: Mass over stiffness of a drive; a factor on what its model takes for granted.
+LAG, LOAD = "lag", "load"
 #: Of a recorded torque or current: its number per torque of the motor, its zero, and by how much it is late.
 PER_TORQUE, OUTPUT_ZERO, OUTPUT_LATE = "per_torque", "output_zero", "output_late"
-NUISANCES = (SHIFT, ZERO, START_TORQUE, PHASE, START_PLAY, GLIDE, DRAG, LAG, OFFSET)
+NUISANCES = (SHIFT, ZERO, START_TORQUE, PHASE, START_PLAY, GLIDE, DRAG, LAG, LOAD, OFFSET)
 NUISANCES = (*NUISANCES, PER_TORQUE, OUTPUT_ZERO, OUTPUT_LATE)
 #: Longest step of a logarithm.
 _LONGEST = 1.5
