@@ -189,8 +189,9 @@ def test_batch_shows_a_table_and_counts_what_keeps_a_limit(folder, tmp_path):
 
 @pytest.mark.parametrize(("name", "line"), [("a.mpf", "FGROUP(X,Y)"), ("a.nc", "G710")])
 def test_a_siemens_program_is_recognised(tmp_path, name, line):
-    (tmp_path / name).write_text(f"{line}\nG1 X1 F100\n")
-    assert "--dialect siemens" in refusal("nc", "read", tmp_path / name)
+    (tmp_path / name).write_text(f"{line}\nG1 X1 F100\nX2\n")
+    assert ok("nc", "read", tmp_path / name).stdout.startswith("dialect siemens: ")
+    assert "--dialect siemens" in refusal("nc", "read", tmp_path / name, "--dialect", "fanuc")
 
 
 def test_an_axis_that_has_to_move_too_fast_is_warned_about(folder):

@@ -164,7 +164,7 @@ def test_play_and_compliance_are_told_apart(tmp_path):
     assert stiffness.largest == "machine_model"
     log = place / "traces" / "log.csv"
     log.write_text("\n".join(line.rpartition(",")[0] for line in log.read_text().splitlines()) + "\n")
-    alone = diagnosed(place, 2)
+    alone = diagnosed(place, 1)
     assert {"backlash.X", "drive_compliance.X"} <= set(alone.not_testable)
     assert not {e.effect.kind for e in alone.effects} & {"backlash", "drive_compliance"}
 
