@@ -83,6 +83,25 @@ def set_point(command, actual, control):
     return control.position_gain * (command - actual) + control.feedforward * np.gradient(command, control.sample)
 
 
+@pytest.mark.parametrize(("letter", "share", "sample"), [("X", 1.0, 1e-3), ("Z", 0.7, 5e-4)])
+def test_a_set_point_without_a_position_gain_says_the_feedforward(diagnosed, letter, share, sample):
+    """It was taken before the position controller, three samples late. A gain of 4e-7 1/s had been read in it, and the
+    answer was "unknown".
+    """
+
+    def before_the_controller(command, actual, control):
+        rate = control.feedforward * np.gradient(command, control.sample)
+        return np.concatenate([np.zeros(3), rate[:-3]])
+
+    control = Control(feedforward=share, sample=sample)
+    result = diagnosed(control, replace(control, feedforward=0.0), velocity=before_the_controller, letter=letter)
+    (found,) = result.effects
+    low, high = found.ci95["ratio"]
+    assert result.verdict == "identified" and found.effect.id == f"velocity_feedforward.{letter}"
+    assert low < share < high and high - low < 0.005
+    assert any(f"has {share:g} times the commanded speed in it" in s.sentence for s in result.signals)
+
+
 def test_a_velocity_set_point_says_the_position_gain(diagnosed):
     control = Control(integral_time=0.04, feedforward=1.0)
     result = diagnosed(control, velocity=set_point)

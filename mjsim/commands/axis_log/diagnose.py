@@ -19,7 +19,7 @@ from mjsim.inference.axis_logs.encoders import BETWEEN, EncoderFitter, EncoderSe
 from mjsim.inference.axis_logs.entries import CONTROLLER, Entry
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.found import AxisSelection, FoundCause
-from mjsim.inference.axis_logs.gains import unused
+from mjsim.inference.axis_logs.gains import CONTRADICTED, unused
 from mjsim.inference.axis_logs.search import AxisSearch
 from mjsim.inference.axis_logs.separability import inseparable, undetermined
 from mjsim.inference.axis_logs.shared import MOTOR_SIDE
@@ -31,6 +31,7 @@ from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.instruments.axis_log.signals import (
     Finding,
     counts_against,
+    fed_forward,
     findings,
     not_used_because,
     used_up_to_a_factor,
@@ -152,6 +153,13 @@ def _signals(
             said = [sheet_name(name)[0] for name in g.values]
             mine = [d.name for d in fitters[axis].data if d.test.controller == g.controller]
             yield from (used_up_to_a_factor(test, axis, g.channel, said) for test in mine)
+        for g in s.gains:
+            share, deviation = g.feedforward or (0.0, np.inf)
+            stated = machine.under(g.controller).drives[axis].feedforward
+            if abs(share - stated) > CONTRADICTED * deviation:
+                mine = (d for d in fitters[axis].data if d.test.controller == g.controller)
+                said = (d.name for d in mine if d.record.velocity_command is not None)
+                yield from (fed_forward(test, axis, share, stated) for test in said)
         rows = {(r.name, r.channel) for r in fitters[axis].rows}
         for d in fitters[axis].data:
             given = campaign.traces[d.name].axes[axis]

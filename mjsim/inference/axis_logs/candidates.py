@@ -213,9 +213,12 @@ class Catalogue:
                 e = self._make("command_filter", **{name: time})
                 out.append(Candidate(e, (self._linear(e, name, 1.0),), variant=name))
         if any(d.control.law is None for d in self.drives):
-            e = self._make("velocity_feedforward", ratio=0.02)
+            known = self._feedforward()
+            e = self._make("velocity_feedforward", ratio=0.02 if known is None else known[0])
             # no control feeds a speed forward with the wrong sign
             entry = replace(self._linear(e, "ratio", 0.02), lower=-min(d.feedforward for d in self.drives))
+            if known is not None:
+                entry = replace(entry, deviation=known[1] / entry.scale, centre=known[0])
             out.append(Candidate(e, (entry,)))
         if self.machine.factor is None:
             for kind in ("inertia", "viscous_friction", "velocity_gain", "servo_gain"):
@@ -231,10 +234,18 @@ class Catalogue:
     def _position_gain(self) -> tuple[float, float] | None:
         """Position gain over the stated one where a recorded velocity set-point says it, and how well it is known."""
         for g in self.gains:
-            if g.channel == "velocity_command":
+            if g.channel == "velocity_command" and g.values:
                 stated = self.machine.under(g.controller).drives[self.axis].position_gain
                 p = next(p for p in self._make("servo_gain", ratio=1.0).parameters_of(self.axis) if p.name == "ratio")
                 return min(max(g.values["position_gain"] / stated, p.lower), p.upper), g.deviations["position_gain"]
+        return None
+
+    def _feedforward(self) -> tuple[float, float] | None:
+        """Feedforward beyond the stated one where a recorded velocity set-point says it, and its deviation."""
+        for g in self.gains:
+            if g.feedforward is not None:
+                stated = self.machine.under(g.controller).drives[self.axis].feedforward
+                return min(max(g.feedforward[0], 0.0), 1.0) - stated, g.feedforward[1]
         return None
 
     def _play(self) -> list[Candidate]:

@@ -33,7 +33,7 @@ _DELAYS = (0, 1, 2, 3, 4)
 #: for, and the least deviation of a gain (assumed).
 _EXPLAINED, _EXACT, _LEAST = 0.97, 0.9999, 0.0005
 #: Standard deviations beyond which a reading contradicts the data sheet.
-_CONTRADICTED = 5.0
+CONTRADICTED = 5.0
 #: Share of a limit below which an output follows from the law.
 _BELOW = 0.98
 #: Factor on what is not explained within which two sets of gains do as well (assumed).
@@ -51,6 +51,8 @@ class GainsRead:
         velocity_samples: Over which the control takes the velocity.
         explained: Share of the output's variance that the law with these gains explains.
         channel: Name of what was recorded.
+        feedforward: Share of the commanded speed in a velocity set-point, and its standard deviation; ``None`` where
+            none was recorded.
     """
 
     controller: str | None
@@ -59,6 +61,7 @@ class GainsRead:
     velocity_samples: int
     explained: float
     channel: str = "torque"
+    feedforward: tuple[float, float] | None = None
 
 
 def output_of(axis: AxisPlant, d: AxisData) -> np.ndarray:
@@ -118,13 +121,15 @@ def _agrees(machine: Machine, drive: Drive, g: GainsRead) -> bool:
     """
     for name, value in g.values.items():
         wide = TOLERANCE[name] if machine.factor is None else 0.5 * np.log(machine.factor)
-        if abs(np.log(value / getattr(drive, name))) > _CONTRADICTED * np.hypot(wide, g.deviations[name]):
+        if abs(np.log(value / getattr(drive, name))) > CONTRADICTED * np.hypot(wide, g.deviations[name]):
             return False
     return True
 
 
 def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisData]) -> GainsRead | None:
-    """The position gain by which a velocity set-point follows from the following error; nothing where it does not."""
+    """The position gain and the feedforward by which a velocity set-point follows from the following error and the
+    commanded speed; nothing where it does not. A set-point from before the position controller has no gain in it.
+    """
     data = [d for d in data if d.record.velocity_command is not None]
     drive = machine.under(controller).drives[data[0].axis] if data else None
     control, at = (drive.control, drive.encoder) if drive is not None else (None, "")
@@ -150,16 +155,19 @@ def _of_velocity(machine: Machine, controller: str | None, data: Sequence[AxisDa
         left = float(np.mean((v - design @ fit) ** 2))
         explained = 1.0 - left / max(float(v.var()), 1e-30)
         if best is None or explained > best[0]:
-            spread = np.sqrt(np.linalg.pinv(design.T @ design)[0, 0] * left * 10.0)  # as few values are independent
-            best = explained, float(fit[0]), float(spread)
+            information = np.linalg.pinv(design.T @ design)
+            spread = np.sqrt(np.diag(information) * left * 10.0)  # as few values are independent
+            best = explained, fit, spread
     assert best is not None
-    explained, gain, spread = best
-    if explained < _EXPLAINED or gain <= 0.0:
+    explained, (gain, share, _), spread = best
+    if explained < _EXPLAINED:
         return None
-    deviation = max(spread / gain, _LEAST)
+    values, deviations = {}, {}
+    if gain > spread[0]:
+        values, deviations = {"position_gain": float(gain)}, {"position_gain": max(float(spread[0] / gain), _LEAST)}
+    feedforward = float(share), max(float(spread[1]), _LEAST)
     samples = control.velocity_samples
-    deviations = {"position_gain": deviation}
-    return GainsRead(controller, {"position_gain": gain}, deviations, samples, explained, "velocity_command")
+    return GainsRead(controller, values, deviations, samples, explained, "velocity_command", feedforward)
 
 
 def unused(machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead]) -> dict[tuple[str, str], str]:

@@ -62,7 +62,7 @@ def start_model(
         elif e.owner != DRIVE:
             sheet[e.label] = e
     read_back = [_read_back(e, gains) for e in sheet.values()]
-    together = {g.controller for g in gains if g.explained > _SAME_SAMPLE}
+    together = {g.controller for g in gains if g.values and g.explained > _SAME_SAMPLE}
     nuisances = [_in_step(e, data, together) for e in nuisance_entries(machine, data)]
     return AxisModel(machine, axis, (*read_back, *nuisances))
 

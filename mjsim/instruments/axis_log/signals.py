@@ -333,6 +333,12 @@ def used_without_law(test: str, axis: str, name: str, why: str) -> Finding:
     return _finding("used", test, axis, f"{said}read from it: {why}")
 
 
+def fed_forward(test: str, axis: str, share: float, stated: float) -> Finding:
+    """The sentence that a velocity set-point has another feedforward in it than the machine file states."""
+    said = f"the velocity set-point of {axis} has {share:.3g} times the commanded speed in it: "
+    return _finding("used", test, axis, f"{said}a feedforward, where the machine file states {stated:.3g}")
+
+
 def used_up_to_a_factor(test: str, axis: str, name: str, said: Sequence[str]) -> Finding:
     """The sentence that a channel of a log counts as a torque times an unknown number.
 
