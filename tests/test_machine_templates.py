@@ -12,7 +12,8 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES, TEMPLATES
 from mjsim.campaign.new import machine_text
-from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_block, sheet_of, sheet_range
+from mjsim.inference.calibration import sheet_range
+from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_block, sheet_of
 from mjsim.inference.planning.whole_campaign import CampaignPlanner, possible_tests
 from mjsim.inference.problem import sheet_plants
 from mjsim.machine.chain import FIVE_AXIS

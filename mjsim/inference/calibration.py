@@ -11,9 +11,10 @@ import numpy as np
 
 from mjsim.campaign.tolerance import RATIO, TYPICAL_TOLERANCE, unit_of_size
 from mjsim.effects import registry
+from mjsim.inference.data_sheet import OF_SHEET, sheet_of
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.machine.effect import Effect, Parameter
-from mjsim.machine.model import Machine
+from mjsim.machine.model import FRICTION_PARAMETERS, Machine
 from mjsim.machine.redundant import visible_orders
 
 #: Orders of a rotary axis' error motion where none is stated, the first that is no location error in another form:
@@ -57,6 +58,26 @@ class Calibrated:
         own = np.repeat([n in means for n in mine], 2)
         deviation = np.where(own, self.deviation.max(), f.prior[1] if f.prior is not None else 1.0)
         return mean, deviation, own
+
+
+def sheet_range(machine: Machine, effect: Effect) -> dict[str, tuple[float, float]]:
+    """Between what the data sheet lets those sizes of an effect be that are its numbers, by the parameter's name.
+
+    Args:
+        machine: As its file says.
+        effect: Of an axis.
+    """
+    names = {key: name for name, key in FRICTION_PARAMETERS.items()} if effect.kind == "friction" else {}
+    if effect.kind in OF_SHEET:
+        names = {"ratio": OF_SHEET[effect.kind]}
+    given, sheet = machine.effect(effect.id), {p.name: p for p in sheet_of(machine) if p.axis == effect.subject}
+    out = {}
+    for p in effect.parameters_of(effect.subject):
+        stated = p.neutral if given is None else given.values[p.name]
+        if p.name in names and stated is not None:
+            number = sheet[names[p.name]]
+            out[p.name] = stated * number.ratio(-LIMIT_DEVIATIONS), stated * number.ratio(LIMIT_DEVIATIONS)
+    return out
 
 
 def calibrated_effects(machine: Machine) -> list[Calibrated]:

@@ -10,7 +10,6 @@ import numpy as np
 
 from mjsim.inference.parameters import Block
 from mjsim.machine.chain import Chain
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 
 #: Share of a number by which it has to move for the drive to be another one: more than the friction of a sound machine
@@ -30,8 +29,6 @@ OF_SHEET = {
     "velocity_gain": "velocity_gain",
     "viscous_friction": "viscous",
 }
-#: Standard deviations within which a number may be on a sound machine.
-_MAY_BE = 2.0
 #: Standard deviations within which a number stays that is known within a factor only: beyond them is one of 370.
 _FARTHEST = 3.0
 
@@ -87,26 +84,6 @@ def data_sheet(chain: Chain, factor: float | None = None) -> tuple[SheetParamete
 def sheet_of(machine: Machine) -> tuple[SheetParameter, ...]:
     """The numbers of a machine's data sheet, as far as the machine believes in them."""
     return data_sheet(machine.chain, machine.factor)
-
-
-def sheet_range(machine: Machine, effect: Effect) -> dict[str, tuple[float, float]]:
-    """Between what the data sheet lets those sizes of an effect be that are its numbers, by the parameter's name.
-
-    Args:
-        machine: As its file says.
-        effect: Of an axis.
-    """
-    names = {key: name for name, key in FRICTION_PARAMETERS.items()} if effect.kind == "friction" else {}
-    if effect.kind in OF_SHEET:
-        names = {"ratio": OF_SHEET[effect.kind]}
-    given, sheet = machine.effect(effect.id), {p.name: p for p in sheet_of(machine) if p.axis == effect.subject}
-    out = {}
-    for p in effect.parameters_of(effect.subject):
-        stated = p.neutral if given is None else given.values[p.name]
-        if p.name in names and stated is not None:
-            number = sheet[names[p.name]]
-            out[p.name] = stated * number.ratio(-_MAY_BE), stated * number.ratio(_MAY_BE)
-    return out
 
 
 #: Name of the data sheet's block in the parameter vector.

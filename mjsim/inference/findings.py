@@ -22,12 +22,11 @@ from scipy.special import erfc
 
 from mjsim.inference.bar_search import BarSearch
 from mjsim.inference.budget import Budget, budgets, split_of_bars
-from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, expected_effects
+from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, expected_effects, sheet_range
 from mjsim.inference.combinations import Combination, combinations
 from mjsim.inference.considered import with_choice, with_instrument
 from mjsim.inference.curve_fit import Together, fit_beside_simple, simplest_shape
 from mjsim.inference.curve_terms import CurveTerm, CurveTerms
-from mjsim.inference.data_sheet import sheet_range
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.hypotheses import CAUSE, entries_of, log_odds_of, name_of

@@ -154,12 +154,14 @@ def _signals(
             mine = [d.name for d in fitters[axis].data if d.test.controller == g.controller]
             yield from (used_up_to_a_factor(test, axis, g.channel, said) for test in mine)
         for g in s.gains:
-            share, deviation = g.feedforward or (0.0, np.inf)
+            if g.feedforward is None:
+                continue
+            share, deviation = g.feedforward
             stated = machine.under(g.controller).drives[axis].feedforward
-            if abs(share - stated) > CONTRADICTED * deviation:
-                mine = (d for d in fitters[axis].data if d.test.controller == g.controller)
-                said = (d.name for d in mine if d.record.velocity_command is not None)
-                yield from (fed_forward(test, axis, share, stated) for test in said)
+            for d in fitters[axis].data:
+                of_this = d.test.controller == g.controller and d.record.velocity_command is not None
+                if of_this and abs(share - stated) > CONTRADICTED * deviation:
+                    yield fed_forward(d.name, axis, share, stated)
         rows = {(r.name, r.channel) for r in fitters[axis].rows}
         for d in fitters[axis].data:
             given = campaign.traces[d.name].axes[axis]
