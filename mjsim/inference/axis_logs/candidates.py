@@ -245,7 +245,8 @@ class Catalogue:
         for g in self.gains:
             if g.feedforward is not None:
                 stated = self.machine.under(g.controller).drives[self.axis].feedforward
-                return min(max(g.feedforward[0], 0.0), 1.0) - stated, g.feedforward[1]
+                most = registry.kinds()["velocity_feedforward"].parameters_of(self.axis)[0].upper
+                return min(max(g.feedforward[0] - stated, -stated), most), g.feedforward[1]
         return None
 
     def _play(self) -> list[Candidate]:
