@@ -1,4 +1,4 @@
-"""mjsim: find out what is wrong with a five-axis machine from its ball-bar measurements.
+"""mjsim: find out what is wrong with a machine tool from its measurements.
 
 The commands are functions here, as :func:`simulate`, :func:`compare`, :func:`diagnose`. Names are loaded when they are
 first used. A function never bears the name of a package: ``mjsim.effects`` is the folder of the effects,

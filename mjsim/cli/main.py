@@ -62,7 +62,7 @@ class _Lazy(click.Group):
 @click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="mjsim", prog_name="mjsim")
 def main() -> None:
-    """Find out what is wrong with a five-axis machine from its ball-bar measurements.
+    """Find out what is wrong with a machine tool from its measurements.
 
     Start with `mjsim demo`, then `mjsim compare FOLDER` and `mjsim diagnose FOLDER` on your own campaign.
     """

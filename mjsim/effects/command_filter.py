@@ -24,7 +24,7 @@ class CommandFilter(Effect):
         "smoothed. A delay shifts them as they are."
     )
     remedy = Remedy("adjust", "servo mismatch", "Set the same command filters on all axes in the control.")
-    search = SearchHints(quasi_static=False, seeds=({"lag_ms": 5.0}, {"mean_ms": 10.0}))
+    search = SearchHints(quasi_static=False, stated=True, seeds=({"lag_ms": 5.0}, {"mean_ms": 10.0}))
 
     def apply(self, plant):
         axis = plant.axes[self.subject]

@@ -20,7 +20,7 @@ class CurrentClip(Effect):
     source = "amplifier and control: current and output limits"
     signature = "The axis falls behind where it accelerates hardest; an integrator that runs on overshoots afterwards."
     remedy = Remedy("adjust", "", "Raise the torque limit of the drive, or lower the acceleration of the axis.")
-    search = SearchHints(quasi_static=False, seeds=({"torque_Nm": 1.0},))
+    search = SearchHints(quasi_static=False, stated=True, seeds=({"torque_Nm": 1.0},))
 
     def apply(self, plant):
         axis = plant.axes[self.subject]

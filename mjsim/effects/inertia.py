@@ -15,7 +15,7 @@ class Inertia(Effect):
     source = "paper Fig. 2 (J); a load that the data sheet does not have"
     signature = "The error while the axis accelerates has another size, and overshoot after it another frequency."
     remedy = Remedy("adjust", "", "Identify the drive with the present load, and tune the loops for it.")
-    search = SearchHints(quasi_static=False)
+    search = SearchHints(quasi_static=False, stated=True)
 
     def apply(self, plant):
         plant.axes[self.subject].inertia *= self.values["ratio"]

@@ -20,6 +20,7 @@ class IntegralTime(Effect):
     remedy = Remedy("adjust", "reversal spikes", "Set the integral time of the velocity loop in the drive.")
     search = SearchHints(
         quasi_static=False,
+        stated=True,
         seeds=({"ratio": 0.5}, {"ratio": 2.0}),
     )
 

@@ -26,7 +26,7 @@ class LoopDelay(Effect):
     source = "digital control: computing time and current loop"
     signature = "Less damping: motion rings after every change of the acceleration."
     remedy = Remedy("adjust", "", "Check cycle times and filters of the drive. Lower the gains if the axis rings.")
-    search = SearchHints(quasi_static=False, seeds=({"delay_ms": 0.1}, {"delay_ms": 1.0}))
+    search = SearchHints(quasi_static=False, stated=True, seeds=({"delay_ms": 0.1}, {"delay_ms": 1.0}))
 
     def apply(self, plant):
         axis = plant.axes[self.subject]

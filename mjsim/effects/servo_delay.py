@@ -17,7 +17,7 @@ class ServoDelay(Effect):
     source = "dead time of the interpolator or drive bus"
     signature = "Like a difference of Kpp: v·delay along the axis' motion."
     remedy = Remedy("adjust", "servo mismatch", "Match interpolation delays and filters of the axes in the control.")
-    search = SearchHints(quasi_static=False)
+    search = SearchHints(quasi_static=False, stated=True)
 
     def apply(self, plant):
         plant.axes[self.subject].delay += self.si("delay_ms")

@@ -21,7 +21,7 @@ class ServoGain(Effect):
         "inward or outward bulges where it moves fast."
     )
     remedy = Remedy("adjust", "servo mismatch", "Set the position gain to that of the other axes in the control.")
-    search = SearchHints(quasi_static=False)
+    search = SearchHints(quasi_static=False, stated=True)
 
     def apply(self, plant):
         plant.axes[self.subject].position_gain *= self.values["ratio"]

@@ -31,7 +31,7 @@ class SpeedLimit(Effect):
         "catches up at the same speed."
     )
     remedy = Remedy("adjust", "", "Raise the speed limit of the drive, or lower the rapid traverse of the axis.")
-    search = SearchHints(quasi_static=False, seeds=({"speed_rad_per_s": 10.0},))
+    search = SearchHints(quasi_static=False, stated=True, seeds=({"speed_rad_per_s": 10.0},))
 
     def apply(self, plant):
         axis = plant.axes[self.subject]

@@ -14,7 +14,7 @@ class VelocityFeedforward(Effect):
     source = "usual servo practice; not in the paper"
     signature = "The axis' following error shrinks by ratio: it runs ahead of axes without feedforward."
     remedy = Remedy("adjust", "servo mismatch", "Set the same feedforward on all axes in the control.")
-    search = SearchHints(quasi_static=False, least=0.1, looks_like=("servo_delay",))
+    search = SearchHints(quasi_static=False, stated=True, least=0.1, looks_like=("servo_delay",))
 
     def apply(self, plant):
         plant.axes[self.subject].feedforward += self.values["ratio"]

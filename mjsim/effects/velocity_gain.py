@@ -14,7 +14,7 @@ class VelocityGain(Effect):
     source = "paper Fig. 2 (Kvp)"
     signature = "Quadrant glitches change by 1/ratio in height, much like a change of friction."
     remedy = Remedy("adjust", "reversal spikes", "Tune the velocity loop in the drive.")
-    search = SearchHints(quasi_static=False)
+    search = SearchHints(quasi_static=False, stated=True)
 
     def apply(self, plant):
         plant.axes[self.subject].velocity_gain *= self.values["ratio"]

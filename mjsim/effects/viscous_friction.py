@@ -17,7 +17,7 @@ class ViscousFriction(Effect):
         "integrator has time."
     )
     remedy = Remedy("maintain", "", "Check lubrication, seals and temperature of the axis.")
-    search = SearchHints(quasi_static=False)
+    search = SearchHints(quasi_static=False, stated=True)
 
     def apply(self, plant):
         plant.axes[self.subject].viscous *= self.values["ratio"]

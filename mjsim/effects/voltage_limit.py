@@ -46,7 +46,7 @@ class VoltageLimit(Effect):
         "Check supply and DC link of the amplifier under load. Lower the rapid traverse of the axis, or its "
         "acceleration at high speed.",
     )
-    search = SearchHints(quasi_static=False, seeds=({"no_load_rad_per_s": 10.0},))
+    search = SearchHints(quasi_static=False, stated=True, seeds=({"no_load_rad_per_s": 10.0},))
 
     def apply(self, plant):
         axis = plant.axes[self.subject]

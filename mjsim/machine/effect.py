@@ -155,6 +155,8 @@ class SearchHints:
         least: smallest departure of the leading parameter from neutral that makes sense as a cause of its own
             (assumed).
         looks_like: kinds of effects on the same axis in whose place it makes sense below ``least`` as well.
+        stated: whether it is another number of the data sheet or of the control, or a limit, than stated: a machine as
+            stated has none of it. Of the others every axis has some.
         within_tolerance: whether it is looked for only where the machine file states its tolerance, or has it already:
             what no single place of the ball can tell from other effects needs an expected size.
         width: prior standard deviation of the leading parameters, typical sizes, where physics says it; by default
@@ -168,6 +170,7 @@ class SearchHints:
     scanned: bool = False
     least: float = 0.0
     looks_like: tuple[str, ...] = ()
+    stated: bool = False
     within_tolerance: bool = False
     width: float | None = None
     variants: Callable[[Any], Starts] = _none

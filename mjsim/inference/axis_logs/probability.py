@@ -27,13 +27,6 @@ from mjsim.inference.data_sheet import OF_SHEET
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import TOLERANCE, Machine
 
-#: Kinds that a machine as stated has none of: other numbers of the data sheet and of the control, and limits. Of the
-#: others every axis has some: no motor is without slots, no screw even, no drive rigid, and no friction follows a law.
-_FAULTS = {
-    *OF_SHEET,
-    *("command_filter", "current_clip", "loop_delay", "servo_delay"),
-    *("speed_limit", "velocity_feedforward", "voltage_limit"),
-}
 #: Share of the Coulomb friction that a torque may have which does not turn with the direction (assumed: a bearing drags
 #: a little more one way).
 _DIRECTION = 0.02
@@ -59,7 +52,8 @@ def probability_of_size(candidate: Candidate, fit: AxisFit, without: AxisFit) ->
 def probability_known(candidate: Candidate, fit: AxisFit, without: AxisFit) -> float:
     """Probability that what a cause explains is not that of a cause which is in no catalogue; arguments as there."""
     share = min(fit.rms / max(without.rms, 1e-30), 1.0)
-    is_fault = candidate.effect.kind in _FAULTS or candidate.sheet
+    # no motor is without slots, no screw even, no drive rigid, and no friction follows a law: that is no second fault
+    is_fault = candidate.effect.search.stated or candidate.sheet
     odds = math.exp(candidate.log_odds) if is_fault else 1.0
     return 1.0 - fit.discrepancy.probability * share / (share + odds * (1.0 - share))
 
