@@ -154,6 +154,24 @@ def test_a_machine_as_its_file_says_has_no_small_errors(tmp_path):
     assert few.evidence > usual.evidence + 20.0 and len(usual.fit.effects) > 30
 
 
+def test_without_a_friction_the_data_sheet_is_as_uncertain_as_it_says(tmp_path):
+    """A template says 1.7 times the friction that there is, within what is believed of it. A friction that was in the
+    model could not be taken out any more: without it the sheet's number seemed to be certain.
+    """
+    generator.write_files(generator.Case("sound", "M1", tuple(layout("short"))[:4], (), seed=3), tmp_path)
+    campaign = read_campaign(tmp_path)
+    machine = read_machine(campaign.machine_file)
+    true = machine.effect("friction.X")
+    stated = true.replaced(coulomb_Nm=1.7 * true.values["coulomb_Nm"])
+    machine = replace(machine.with_effect(stated), factor=2.0)
+    search = BarSearch(Fitter(Problem.of(campaign, build(machine), threads=2), machine))
+    sound = search.of_effects([], {})
+    model = search.of_effects([EffectVector(true, ("coulomb_Nm",))], {})
+    odds = search.log_odds(model, "friction.X")
+    assert model.evidence < sound.evidence and odds < 0.0
+    assert odds == pytest.approx(model.evidence - sound.evidence, abs=3.0)
+
+
 def test_sums_are_determined_where_their_numbers_are_not(real):
     """The planted numbers add up to the sum, which is known several times better than each of them."""
     case, _, _, joint = real

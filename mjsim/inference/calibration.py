@@ -80,6 +80,22 @@ def sheet_range(machine: Machine, effect: Effect) -> dict[str, tuple[float, floa
     return out
 
 
+def sheet_deviations(machine: Machine, f: EffectVector) -> np.ndarray:
+    """Standard deviations of the entries of a friction that stand for numbers of the data sheet, (n,) typical sizes;
+    zero for all other entries. Such a number is as uncertain as the sheet where the friction is not fitted.
+
+    Args:
+        machine: As its file says.
+        f: Effect of a model.
+    """
+    out = np.zeros(len(f.vector))
+    if f.effect.kind == "friction":
+        for name, (low, high) in sheet_range(machine, f.effect).items():
+            if name in f.names:
+                out[f.names.index(name)] = 0.5 * (high - low) / LIMIT_DEVIATIONS / f.specs[name].scale
+    return out
+
+
 def calibrated_effects(machine: Machine) -> list[Calibrated]:
     """Every effect of the kinds for which the machine file states a tolerance, on every subject that the machine
     has.

@@ -22,7 +22,7 @@ from scipy.special import erfc
 
 from mjsim.inference.bar_search import BarSearch
 from mjsim.inference.budget import Budget, budgets, split_of_bars
-from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, expected_effects, sheet_range
+from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, expected_effects, sheet_deviations, sheet_range
 from mjsim.inference.combinations import Combination, combinations
 from mjsim.inference.considered import with_choice, with_instrument
 from mjsim.inference.curve_fit import Together, fit_beside_simple, simplest_shape
@@ -33,7 +33,7 @@ from mjsim.inference.hypotheses import CAUSE, entries_of, log_odds_of, name_of
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell
+from mjsim.inference.search import LEAST, STEPS, TOLD, D, Found, Model, Search, names_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, Curve, best_curves
@@ -157,16 +157,21 @@ class ClassSizes:
         return out
 
     def _there(self, fit: Fit, f: EffectVector) -> float:
-        """Probability that an effect is there at all: of its surest wave (Savage-Dickey density ratio)."""
+        """Probability that an effect is there at all: of its surest wave (Savage-Dickey density ratio). A number of the
+        data sheet is there where it is none that the sheet allows.
+        """
         assert f.prior is not None
         mean, deviation = f.prior
-        covariance = fit.covariance_of(f)
+        covariance, sheet = fit.covariance_of(f), sheet_deviations(fit.base, f)
         groups = entries_of(f)
         best = -np.inf
         for _, at in groups:
             off, c = (f.vector - mean)[at], covariance[np.ix_(at, at)]
-            shrunk = np.linalg.slogdet(c)[1] - 2.0 * np.log(deviation[at]).sum()
-            odds = 0.5 * float(off @ np.linalg.solve(c, off) + shrunk)
+            odds = _density_ratio(off, c, deviation[at])
+            if sheet[at].all():
+                information = np.linalg.inv(c) - np.diag(deviation[at] ** -2.0)
+                c_sheet = np.linalg.inv(information + np.diag(sheet[at] ** -2.0))
+                odds -= _density_ratio(c_sheet @ np.linalg.solve(c, off), c_sheet, sheet[at])
             best = max(best, odds + log_odds_of(f, fit.base) / len(groups))
         return 1.0 / (1.0 + math.exp(-min(best, 700.0)))
 
@@ -232,6 +237,38 @@ class ClassSizes:
         rest = sure * (1.0 - unknown)
         identified = (1.0 - sure) * clear + rest * (1.0 - small)
         return Verdicts(rest * small, identified, (1.0 - sure) * (1.0 - clear), sure * unknown)
+
+
+def _density_ratio(off: np.ndarray, covariance: np.ndarray, deviation: np.ndarray) -> float:
+    """Logarithm of the prior density where an effect is neutral over the posterior density there.
+
+    Args:
+        off: Estimate, from there, (n,).
+        covariance: Of the estimate, (n, n).
+        deviation: Of the prior around there, (n,).
+    """
+    shrunk = np.linalg.slogdet(covariance)[1] - 2.0 * np.log(deviation).sum()
+    return 0.5 * float(off @ np.linalg.solve(covariance, off) + shrunk)
+
+
+def _in_its_place(
+    rivals_of: Mapping[str, Sequence[tuple[str, Model[D]]]], key: str, rival: str, model: Model[D], best: Model[D]
+) -> dict[str, list[tuple[str, Model[D]]]]:
+    """Rivals of the causes of a model that is about as good as the one before: what it has changed places with its
+    rival, and for the other causes there is as much to be said as before.
+
+    Args:
+        rivals_of: Those of the model before, by the cause's key.
+        key: Of the cause that is left out.
+        rival: Id of what is there instead.
+        model: The model before.
+        best: The new one; what is new in it stands last.
+    """
+    more = best.evidence - model.evidence
+    out = {k: [(i, replace(m, evidence=m.evidence + more)) for i, m in row] for k, row in rivals_of.items() if k != key}
+    gone = next(f.effect for f in model.fit.effects if f.effect.key == key)
+    others = [(i, m) for i, m in rivals_of[key] if m is not best]
+    return out | {best.fit.effects[-1].effect.key: [(name_of(gone), model), *others]}
 
 
 class Reader(ABC, Generic[D]):
@@ -350,13 +387,16 @@ class Reader(ABC, Generic[D]):
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
             sizes = self._sizes(fit)
-            large = {key for key, p in sizes.items() if p >= FINDING}
-            rivals = self.search.rivals_of(self.model, large)
-            best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
-            if best.evidence <= self.model.evidence or swaps == _SWAPS:
+            if not rivals:
+                rivals = self.search.rivals_of(self.model, {key for key, p in sizes.items() if p >= FINDING})
+            rows = [(m.evidence, key, i, m) for key, row in rivals.items() for i, m in row]
+            evidence, key, i, best = max(rows, key=lambda row: row[0], default=(-np.inf, "", "", self.model))
+            if evidence <= self.model.evidence or swaps == _SWAPS:
                 break
             # something else in its place is the better explanation
-            self.found = replace(self.found, model=best)
+            before, self.found = self.model, replace(self.found, model=best)
+            alike = evidence <= before.evidence + LEAST
+            rivals = _in_its_place(rivals, key, i, before, best) if alike else {}
         unexplained, unknown, moved = self._unknown(fit)
         if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
             fitter = self.search.fitter.with_problem(self.model.problem)

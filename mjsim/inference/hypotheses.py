@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated
+from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, sheet_deviations
 from mjsim.inference.discrepancy import LinearModel, Products, Sizes, marginalised
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
@@ -302,6 +302,13 @@ class Hypotheses:
         residual = design[1] + design[0][:, own] @ off[own]
         precision, departure = parameters.precision()[always], parameters.departure(vector)[always]
         machine = self.fit.base
+        # a friction of the model stands for the data sheet's: without it that is uncertain again
+        again = [(at, sheet_deviations(machine, h.free)[h.entries]) for h, at in inside if h.free is not None]
+        again = [(at[sd > 0.0], sd[sd > 0.0]) for at, sd in again]
+        uncertain = np.concatenate([np.zeros(0, int), *(at for at, _ in again)])
+        precision = np.concatenate([precision, np.ones(len(uncertain))])
+        departure = np.concatenate([departure, np.zeros(len(uncertain))])
+        n = len(precision)
 
         def bounded(h: Hypothesis) -> Callable[[np.ndarray], bool] | None:
             c = h.candidate
@@ -309,8 +316,9 @@ class Hypotheses:
 
         model = LinearModel(products, residual, np.ones(products.width), np.zeros(products.width))
         columns = [*((h, width + at) for h, at in inside), *rows]
-        places = np.concatenate([width + always, *(at for _, at in columns)])
-        scale = np.concatenate([np.ones(len(always)), *(np.broadcast_to(h.scale, len(at)) for h, at in columns)])
+        places = np.concatenate([width + always, width + uncertain, *(at for _, at in columns)])
+        scale = [np.ones(len(always)), *(sd for _, sd in again)]
+        scale = np.concatenate([*scale, *(np.broadcast_to(h.scale, len(at)) for h, at in columns)])
         ends = np.cumsum([0, *(len(at) for _, at in columns)])
         groups = [
             Columns(h.name, np.arange(a, b), h.log_odds, h.widths, h.is_wave, bounded(h))
@@ -320,7 +328,6 @@ class Hypotheses:
         for sizes in levels:
             gram, score, square, log_det = model.normal(sizes)
             gram, score = gram[np.ix_(places, places)] * np.outer(scale, scale), score[places] * scale
-            n = len(always)
             none, step = marginalised(gram[:n, :n], score[:n], square, log_det, precision, departure)
             cross = gram[:n, n:]
             left = gram[n:, n:] - cross.T @ ridge_solution(gram[:n, :n], cross, precision)

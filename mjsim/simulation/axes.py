@@ -7,6 +7,7 @@ the MuJoCo simulation.
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from copy import copy
@@ -54,6 +55,21 @@ def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plan
             if delays[i] == delay:
                 out[:, i] = moved[:, i]
     return out
+
+
+def late(commands: np.ndarray, delay: float) -> np.ndarray:
+    """Commands (n,) of one axis, a step apart, ``delay`` s late and held at both ends: cubics through four of them."""
+    if not delay:
+        return commands
+    steps = math.ceil(delay / STEP)
+    u = steps - delay / STEP  # behind the second of the four
+    padded = np.pad(commands, abs(steps) + 2, mode="edge")
+    first = abs(steps) + 2 - steps
+    weights = (
+        np.array([-u * (u - 1) * (u - 2), 3 * (u + 1) * (u - 1) * (u - 2), -3 * (u + 1) * u * (u - 2), u * (u * u - 1)])
+        / 6
+    )
+    return sum(w * padded[first + k : first + k + len(commands)] for w, k in zip(weights, (-1, 0, 1, 2), strict=True))
 
 
 def _driven(drive: AxisPlant, commands: np.ndarray, step: float, substeps: int = SUBSTEPS) -> np.ndarray:
@@ -120,7 +136,6 @@ class AxesMotion:
     def __post_init__(self) -> None:
         self.program = Program(self.test)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
-        self._late: OrderedDict[float, np.ndarray] = OrderedDict()
         self._turn = RLock()
 
     def read_as(self, test: BallBarTest) -> AxesMotion:
@@ -166,24 +181,9 @@ class AxesMotion:
         n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
         return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
-    def _delayed(self, delay: float) -> np.ndarray:
-        """Commands ``delay`` s late, (n, axes) m and rad: the path of a cone takes long, and derivatives ask for the
-        same one again and again.
-        """
-        if not delay:
-            return self.commands
-        with self._turn:
-            if delay not in self._late:
-                self._late[delay] = self.program.commands(self.time - delay)
-            self._late.move_to_end(delay)
-            out = self._late[delay]
-            while len(self._late) > self.keep:
-                self._late.popitem(last=False)
-            return out
-
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
         i = self.test.chain.index(axis)
-        r = self._delayed(drive.delay)[:, i]
+        r = late(self.commands[:, i], drive.delay)
         # an axis that never moves stays: the integrator holds gravity
         moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
         return np.ascontiguousarray(moved[::every])
@@ -207,8 +207,6 @@ class AxesMotion:
             axes = q[:, : plant.chain.count]
             axes += added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
-            with self._turn:
-                self._late.clear()
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
         return np.ascontiguousarray(q[:: every // fine])

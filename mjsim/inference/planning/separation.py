@@ -131,34 +131,32 @@ class Separator:
 
     def of(self, test: BallBarTest) -> Separation:
         """Deviance and difference of one test."""
-        d, J, rows = (np.concatenate(x) for x in zip(*map(self._seen_by, motions_of(test.readings, 12)), strict=True))
+        motions = motions_of(test.readings, 12)
+        found = [[m.reading(p, GRID_STEPS) for p in self._plants] for m in motions]
+        d = np.concatenate([_blocks(m, a - b, self.block) for m, (a, b) in zip(motions, found, strict=True)])
         if np.std(d) < 0.02 * self.noise.rms:
             return Separation(test, 0.0, 0.0)
+        pairs = [self._seen_by(m, a, b) for m, (a, b) in zip(motions, found, strict=True)]
+        J, rows = (np.concatenate(x) for x in zip(*pairs, strict=True))
         dw, Jw = rows[:, 0], rows[:, 1:]
         adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
         rest = dw - Jw @ adapted
         return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ adapted) ** 2))))
 
-    def _seen_by(self, motion: AxesMotion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of one reading the difference of the explanations, (n,) m, the derivatives of the second one, (n, p) m per
-        prior standard deviation, and both whitened, (rows, 1 + p).
+    def _seen_by(self, motion: AxesMotion, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of one reading the derivatives of the second explanation, (n, p) m per prior standard deviation, and the
+        difference with these, whitened, (rows, 1 + p).
+
+        Args:
+            motion: Of the axes.
+            first: Reading by the first explanation, m on the grid.
+            second: By the second one.
         """
-        lo, hi = motion.program.measured_span
-        time = motion.time[::GRID_STEPS]
-        inside = np.flatnonzero((time >= lo) & (time <= hi))
-        per_block = max(1, round(self.block / (time[1] - time[0])))
-        inside = inside[: len(inside) // per_block * per_block]
-
-        def blocks(grid: np.ndarray) -> np.ndarray:
-            return grid[inside].reshape(-1, per_block).mean(axis=1)
-
-        a, b = (motion.reading(p, GRID_STEPS) for p in self._plants)
-        d = blocks(a - b)
-        columns = [blocks(c) for c in self._columns(motion, b)]
+        d, *columns = (_blocks(motion, c, self.block) for c in (first - second, *self._columns(motion, second)))
         block = NEST if motion.test.component else BAR_LENGTH
         # in units of the root the prior is a unit normal
         J = np.column_stack(columns) @ self._prior_root(len(columns), block)
-        return d, J, whitened(self.noise, np.column_stack([d, J]))
+        return J, whitened(self.noise, np.column_stack([d, J]))
 
     def _prior_root(self, size: int, instrument: str) -> np.ndarray:
         """Cholesky factor of the covariance of set-up and trigger, then instrument, data sheet of the axes concerned,
@@ -198,6 +196,21 @@ class Separator:
                 effect, change = f.nudged(j, _STEP)
                 there = motion.reading(build(other.machine.with_effect(effect)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
+
+
+def _blocks(motion: AxesMotion, grid: np.ndarray, length: float) -> np.ndarray:
+    """Block means of what was computed on the grid, over the measured part of a test.
+
+    Args:
+        motion: Of the test.
+        grid: Values, (n,).
+        length: Of a block, s.
+    """
+    lo, hi = motion.program.measured_span
+    time = motion.time[::GRID_STEPS]
+    inside = np.flatnonzero((time >= lo) & (time <= hi))
+    per_block = max(1, round(length / (time[1] - time[0])))
+    return grid[inside[: len(inside) // per_block * per_block]].reshape(-1, per_block).mean(axis=1)
 
 
 def whitened(noise: Noise, columns: np.ndarray) -> np.ndarray:
