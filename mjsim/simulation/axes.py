@@ -36,40 +36,28 @@ def time_grid(program: Program) -> np.ndarray:
     return np.arange(int(np.ceil((program.duration + TAIL) / STEP)) + 1) * STEP
 
 
-def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.ndarray:
-    """Axis commands (n, axes) as the drives receive them, each with its own delay."""
-    return behind(program, time, program.commands(time), plant)
-
-
-def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plant) -> np.ndarray:
-    """As :func:`delayed_commands`, from the ``commands`` (n, axes) of ``time`` (n,) s; these themselves where no
-    drive has a delay.
+def behind(commands: np.ndarray, step: float, plant: Plant) -> np.ndarray:
+    """Axis commands (n, axes) ``step`` s apart as the drives receive them, each with its own delay; themselves where no
+    drive has one.
     """
     delays = [plant.axes[a].delay for a in plant.chain.letters]
     if not any(delays):
         return commands
-    out = commands.copy()
-    for delay in {d for d in delays if d}:
-        moved = program.commands(time - delay)
-        for i in range(len(delays)):
-            if delays[i] == delay:
-                out[:, i] = moved[:, i]
-    return out
+    return np.column_stack([late(c, delay, step) for c, delay in zip(commands.T, delays, strict=True)])
 
 
-def late(commands: np.ndarray, delay: float) -> np.ndarray:
-    """Commands (n,) of one axis, a step apart, ``delay`` s late and held at both ends: cubics through four of them."""
+def late(commands: np.ndarray, delay: float, step: float) -> np.ndarray:
+    """Commands (n,) of one axis, ``step`` s apart, ``delay`` s late: by cubics through four of them, held at both
+    ends.
+    """
     if not delay:
         return commands
-    steps = math.ceil(delay / STEP)
-    u = steps - delay / STEP  # behind the second of the four
+    steps = math.ceil(delay / step)
+    u = steps - delay / step  # behind the second of the four
     padded = np.pad(commands, abs(steps) + 2, mode="edge")
     first = abs(steps) + 2 - steps
-    weights = (
-        np.array([-u * (u - 1) * (u - 2), 3 * (u + 1) * (u - 1) * (u - 2), -3 * (u + 1) * u * (u - 2), u * (u * u - 1)])
-        / 6
-    )
-    return sum(w * padded[first + k : first + k + len(commands)] for w, k in zip(weights, (-1, 0, 1, 2), strict=True))
+    weights = -u * (u - 1) * (u - 2) / 6, (u * u - 1) * (u - 2) / 2, -(u + 1) * u * (u - 2) / 2, u * (u * u - 1) / 6
+    return np.correlate(padded[first - 1 : first + len(commands) + 2], weights, "valid")
 
 
 def _driven(drive: AxisPlant, commands: np.ndarray, step: float, substeps: int = SUBSTEPS) -> np.ndarray:
@@ -91,7 +79,7 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
         SimulationError: an effect raises, or returns anything but finite numbers of that shape.
     """
     step = float(time[1] - time[0])
-    commands = delayed_commands(Program(test), time, plant)
+    commands = behind(Program(test).commands(time), step, plant)
     q = np.empty((len(time), plant.width))
     q[:, plant.chain.count :] = 0.0
     for i, a in enumerate(plant.chain.letters):
@@ -183,7 +171,7 @@ class AxesMotion:
 
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
         i = self.test.chain.index(axis)
-        r = late(self.commands[:, i], drive.delay)
+        r = late(self.commands[:, i], drive.delay, STEP)
         # an axis that never moves stays: the integrator holds gravity
         moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
         return np.ascontiguousarray(moved[::every])
@@ -275,7 +263,7 @@ def load_of(
 
 def motor_of(drive: AxisPlant, time: np.ndarray, command: np.ndarray) -> np.ndarray:
     """Position of one axis (n,) behind its drive for any ``command`` (n,) at ``time`` (n,) s, in axis units."""
-    if drive.delay:
-        command = np.interp(time - drive.delay, time, command)
+    step = float(time[1] - time[0])
+    command = late(command, drive.delay, step)
     # an axis that never moves stays: the integrator holds gravity
-    return _driven(drive, command, float(time[1] - time[0])) if np.ptp(command) > 0.0 else command
+    return _driven(drive, command, step) if np.ptp(command) > 0.0 else command
