@@ -172,6 +172,23 @@ def test_without_a_friction_the_data_sheet_is_as_uncertain_as_it_says(tmp_path):
     assert odds == pytest.approx(model.evidence - sound.evidence, abs=3.0)
 
 
+def test_a_ripple_is_there_though_its_torque_is_known_to_a_factor_only(tmp_path):
+    """All torques of a drive times one factor give the same motion, so a template leaves the ripple's amplitude within
+    that factor. In the linear problem other torques could take it away, which they cannot: nothing was found.
+    """
+    hidden = ({"id": "torque_ripple.C", "amplitude_Nm": 0.4, "order": 1.0, "phase_deg": 40.0},)
+    generator.write_files(generator.Case("ripple", "M1", tuple(layout("short"))[:4], hidden, seed=3), tmp_path)
+    campaign = read_campaign(tmp_path)
+    machine = replace(read_machine(campaign.machine_file), factor=2.0)
+    problem = Problem.of(campaign, build(machine), threads=2)
+    found = explain(Separated(problem, machine, ()))
+    (ripple,) = found.selection.found
+    free = next(f for f in found.selection.fit.effects if f.effect.key == ripple.key)
+    low, high = free.interval(free.vector, found.selection.fit.covariance_of(free))["amplitude_Nm"]
+    assert found.verdict == "identified" and ripple.key == "torque_ripple.C" and ripple.probability > 0.99
+    assert low < 0.4 < high and high - low > 0.1
+
+
 def test_sums_are_determined_where_their_numbers_are_not(real):
     """The planted numbers add up to the sum, which is known several times better than each of them."""
     case, _, _, joint = real

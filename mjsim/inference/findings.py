@@ -12,13 +12,13 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic
 
 import numpy as np
-from scipy.special import erfc
+from scipy.special import erfc, expit
 
 from mjsim.inference.bar_search import BarSearch
 from mjsim.inference.budget import Budget, budgets, split_of_bars
@@ -126,12 +126,26 @@ class ClassSizes:
     def __init__(self, expected: Mapping[str, Calibrated], machine: Machine) -> None:
         self.expected, self.machine = expected, machine
 
-    def sizes(self, fit: Fit) -> dict[str, float]:
-        """Probability of every effect of the model, by key, that it is there and larger than its class allows."""
+    def sizes(self, fit: Fit, without: Callable[[EffectVector], Fit] | None = None) -> dict[str, float]:
+        """Probability of every effect of the model, by key, that it is there and larger than its class allows.
+
+        In a linear problem, others may take an effect's place that cannot: the motion does not tell all torques of a
+        drive from all times one factor, but no factor makes a ripple of nothing. So what is large and seems to be
+        there perhaps is fitted without.
+
+        Args:
+            fit: The model.
+            without: Fits the model without one of its effects; else the linear problem is believed.
+        """
         out = {f.effect.key: self._beyond(fit, f) for f in fit.effects}
         for f in fit.effects:
-            if f.effect.key not in self.expected:
-                out[f.effect.key] *= self._there(fit, f)
+            key = f.effect.key
+            if key in self.expected:
+                continue
+            there = self._there(fit, f)
+            if without is not None and there < FINDING <= out[key]:
+                there = max(there, self._missed(fit, f, without(f)))
+            out[key] *= there
         return out
 
     def findings(
@@ -173,7 +187,14 @@ class ClassSizes:
                 c_sheet = np.linalg.inv(information + np.diag(sheet[at] ** -2.0))
                 odds -= _density_ratio(c_sheet @ np.linalg.solve(c, off), c_sheet, sheet[at])
             best = max(best, odds + log_odds_of(f, fit.base) / len(groups))
-        return 1.0 / (1.0 + math.exp(-min(best, 700.0)))
+        return float(expit(best))
+
+    @staticmethod
+    def _missed(fit: Fit, f: EffectVector, without: Fit) -> float:
+        """Probability that an effect is there, by what the model lacks without it."""
+        assert f.prior is not None
+        shrunk = np.linalg.slogdet(fit.covariance_of(f))[1] - 2.0 * np.log(f.prior[1]).sum()
+        return float(expit(0.5 * (without.objective - fit.objective + shrunk) + log_odds_of(f, fit.base)))
 
     def _class_of(self, f: EffectVector) -> tuple[np.ndarray, np.ndarray]:
         """Middle of what a machine of the class has of an effect, and how far it may be from that, (n,) typical sizes
@@ -357,23 +378,29 @@ class Reader(ABC, Generic[D]):
         an error that a machine of the class has for what is beyond that by the prior of the class, any other cause for
         what the model without it leaves.
         """
-        sizes, curves = self.of_class.sizes(fit), self.model.curves
+        fitter = self.search.fitter.with_problem(self.model.problem)
+
+        def without(f: EffectVector) -> Fit:
+            others = [g for g in fit.effects if g is not f]
+            return fitter.fit(others, start=fit, exact=True, iterations=STEPS, fresh=False)
+
+        sizes, curves = self.of_class.sizes(fit, without), self.model.curves
         if not curves:
             return sizes
         wide = [replace(c, width=max(c.width, c.largest)) for c in curves]
         problem = self.search.problem_of(self.model.sizes, wide)
-        fitter = self.search.fitter.with_problem(problem)
+        wide_fitter = self.search.fitter.with_problem(problem)
         usual = [self._as_of_class(f) for f in fit.effects]
-        free = fitter.fit(usual, start=fit, exact=True, iterations=STEPS, fresh=False)
+        free = wide_fitter.fit(usual, start=fit, exact=True, iterations=STEPS, fresh=False)
         sizes = {key: min(p, sizes[key]) for key, p in self.of_class.sizes(free).items()}
         for f in free.effects:
             if sizes[f.effect.key] < FINDING or not self._is_cause(f):
                 continue
             mine = [self.model.expected[f.effect.key].free] if f.effect.key in self.model.expected else []
             others = [g for g in free.effects if g is not f]
-            without = fitter.fit([*others, *mine], start=free, exact=True, iterations=STEPS, fresh=False)
-            odds = 0.5 * (without.objective - free.objective) + CAUSE
-            sizes[f.effect.key] = min(sizes[f.effect.key], 1.0 / (1.0 + math.exp(-min(odds, 700.0))))
+            alone = wide_fitter.fit([*others, *mine], start=free, exact=True, iterations=STEPS, fresh=False)
+            odds = 0.5 * (alone.objective - free.objective) + CAUSE
+            sizes[f.effect.key] = min(sizes[f.effect.key], float(expit(odds)))
         return sizes
 
     def read(self, most: int | None) -> Explained[D]:
