@@ -30,10 +30,11 @@ from mjsim.inference.curve_terms import CurveTerm, CurveTerms
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter
 from mjsim.inference.hypotheses import CAUSE, entries_of, log_odds_of, name_of
+from mjsim.inference.linear_evidence import WORTH
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import LEAST, STEPS, TOLD, D, Found, Model, Search, names_to_tell
+from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, Curve, best_curves
@@ -272,26 +273,6 @@ def _density_ratio(off: np.ndarray, covariance: np.ndarray, deviation: np.ndarra
     return 0.5 * float(off @ np.linalg.solve(covariance, off) + shrunk)
 
 
-def _in_its_place(
-    rivals_of: Mapping[str, Sequence[tuple[str, Model[D]]]], key: str, rival: str, model: Model[D], best: Model[D]
-) -> dict[str, list[tuple[str, Model[D]]]]:
-    """Rivals of the causes of a model that is about as good as the one before: what it has changed places with its
-    rival, and for the other causes there is as much to be said as before.
-
-    Args:
-        rivals_of: Those of the model before, by the cause's key.
-        key: Of the cause that is left out.
-        rival: Id of what is there instead.
-        model: The model before.
-        best: The new one; what is new in it stands last.
-    """
-    more = best.evidence - model.evidence
-    out = {k: [(i, replace(m, evidence=m.evidence + more)) for i, m in row] for k, row in rivals_of.items() if k != key}
-    gone = next(f.effect for f in model.fit.effects if f.effect.key == key)
-    others = [(i, m) for i, m in rivals_of[key] if m is not best]
-    return out | {best.fit.effects[-1].effect.key: [(name_of(gone), model), *others]}
-
-
 class Reader(ABC, Generic[D]):
     """Reads findings out of a search.
 
@@ -414,16 +395,12 @@ class Reader(ABC, Generic[D]):
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
             sizes = self._sizes(fit)
-            if not rivals:
-                rivals = self.search.rivals_of(self.model, {key for key, p in sizes.items() if p >= FINDING})
-            rows = [(m.evidence, key, i, m) for key, row in rivals.items() for i, m in row]
-            evidence, key, i, best = max(rows, key=lambda row: row[0], default=(-np.inf, "", "", self.model))
-            if evidence <= self.model.evidence or swaps == _SWAPS:
+            rivals = self.search.rivals_of(self.model, {key for key, p in sizes.items() if p >= FINDING})
+            best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
+            if best.evidence <= self.model.evidence + WORTH or swaps == _SWAPS:
                 break
             # something else in its place is the better explanation
-            before, self.found = self.model, replace(self.found, model=best)
-            alike = evidence <= before.evidence + LEAST
-            rivals = _in_its_place(rivals, key, i, before, best) if alike else {}
+            self.found = replace(self.found, model=best)
         unexplained, unknown, moved = self._unknown(fit)
         if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
             fitter = self.search.fitter.with_problem(self.model.problem)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 #: Gain in log evidence below which a change is not worth making, nats.
-_LEAST = 0.5
+WORTH = 0.5
 #: Hypotheses whose linear estimates are held against their bounds: those of largest odds.
 _CHECKED = 40
 #: A hypothesis set: places in the list of hypotheses, and the width of each one's prior.
@@ -188,7 +188,7 @@ class LinearEvidence:
                 g = int(np.argmax(odds))
                 if odds[g] <= 0.0:
                     chosen, changed = rest, True
-                elif g != h and odds[g] > odds[h] + _LEAST:
+                elif g != h and odds[g] > odds[h] + WORTH:
                     chosen, changed = {**rest, g: float(width[g])}, True
                 elif width[h] != chosen[h] and np.isfinite(odds[h]):
                     chosen[h] = float(width[h])
