@@ -197,9 +197,9 @@ def _start(time: np.ndarray, record: AxisRecord, resolution: float, noise: float
     that hold, and the two differ by micrometres for long.
     """
     n = int(np.clip(np.searchsorted(time, time[0] + 0.005), 5, 50))
-    powers = np.vander(time[:n] - time[0], 3, increasing=True)
-    c = np.linalg.lstsq(powers, record.actual[:n], rcond=None)[0]
-    moves = abs(c[1]) > _MOVES * noise * np.linalg.norm(np.linalg.pinv(powers)[1])
+    parabola = np.linalg.pinv(np.vander(time[:n] - time[0], 3, increasing=True))
+    c = parabola @ record.actual[:n]
+    moves = abs(c[1]) > _MOVES * noise * np.linalg.norm(parabola[1])
     commanded = np.ptp(record.command[: 4 * n]) > 0.0
     settling = moves and abs(c[1]) * (time[n] - time[0]) > _REST_STEPS * resolution
     if not (commanded or settling):
