@@ -110,6 +110,12 @@ def test_controllers_are_read_and_written_back(folder):
     assert "loop_delay_s = 0.002" in text and "# from the sheet" in text
 
 
+def test_a_slower_position_loop_is_read(folder):
+    edit(folder, "machine.toml", "torque_lag_s = 0.003", "position_sample_time_s = 0.004")
+    control = read_machine(folder / "machine.toml").controllers["slow"]["X"].control
+    assert (control.sample_time, control.position_sample_time) == (0.001, 0.004)
+
+
 def test_the_circle_of_a_log(folder):
     campaign = read_campaign(folder)
     test, recording = campaign.of("axis_log").tests[0], campaign.traces["round"]
@@ -132,6 +138,9 @@ WRONG = [
     ("machine.toml", "position_gain_per_s = 45.0\n", "", "key 'position_gain_per_s' is missing"),
     ("machine.toml", "R = [1.0]", "position_gain_per_s = 4.0\nR = [1.0]", "allowed: a law R, S, T or the gains"),
     ("machine.toml", "clip_V = 5.0", "clip_V = 5.0\nclip_Nm = 5.0", "one of the two"),
+    ("machine.toml", "torque_lag_s = 0.003", "position_sample_time_s = 0.0015", "multiples of sample_time_s, 0.001"),
+    ("machine.toml", "torque_lag_s = 0.003", "position_sample_time_s = 0.05", "below 2 / position_gain_per_s, 0.044"),
+    ("machine.toml", "clip_V = 5.0", "clip_V = 5.0\nposition_sample_time_s = 0.002", "whose set-points it holds"),
     ("machine.toml", "[controller.slow.Y]", "[controller.slow.Z]", "unknown key 'Z'"),
 ]
 

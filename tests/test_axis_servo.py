@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from mjsim.inference.axis_logs.gains import _output
 from mjsim.machine.control import Control, Law
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import ServoStart, follow
@@ -143,6 +144,37 @@ def test_limits_are_those_of_an_independent_integration(changes, integral_time):
     free = follow(replace(plant, control=Control(sample_time=1e-3)), motion.time, command, ServoStart(0.0))
     assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 10e-9
     assert np.abs(free.position - truth).max() > 100e-6
+
+
+@pytest.mark.parametrize(("sample", "every"), [(1e-3, 4), (2.5e-4, 8)])
+@pytest.mark.parametrize("integral_time", [np.inf, 0.04])
+def test_a_slower_position_loop_holds_its_set_point(sample, every, integral_time):
+    """As an independent integration has it; as a single loop of either time, the same drive moves otherwise."""
+    axis = logs.Axis(coulomb=0.15)
+    control = logs.Control(integral_time=integral_time, feedforward=0.5, sample=sample, every=every)
+    command = logs.to_and_fro(sample)
+    truth, torque = logs.record(axis, control, command, noise=0.0, step=1e-13)
+    plant = AxisPlant(
+        2.0 * np.pi / axis.lead,
+        control.position_gain,
+        control.velocity_gain,
+        integral_time,
+        axis.inertia,
+        axis.viscous,
+        0.0,
+        feedforward=0.5,
+        coulomb=axis.coulomb,
+        presliding=axis.presliding,
+        control=Control(sample_time=sample, position_sample_time=every * sample),
+    )
+    time = sample * np.arange(len(command))
+    motion = follow(plant, time, command, ServoStart(0.0))
+    assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 10e-9
+    assert np.abs(motion.torque - torque).max() < 0.02 * np.abs(torque).max()
+    single = follow(replace(plant, control=Control(sample_time=sample)), time, command, ServoStart(0.0))
+    assert np.abs(single.position - truth).max() > 1e-6
+    # and the law says the torque of what was recorded
+    assert np.std(_output(plant, sample, command, truth) - torque) < 0.01 * np.std(torque)
 
 
 def test_a_delay_of_whole_samples_moves_the_torque():

@@ -79,7 +79,18 @@ def _controller(place: str, t: ControllerTable, angle: float) -> Controller:
     clip = np.inf if t.clip_Nm is None else t.clip_Nm
     if t.clip_V is not None and t.torque_per_V is not None:
         clip = t.clip_V * t.torque_per_V
-    control = Control(t.sample_time_s, t.torque_lag_s, t.loop_delay_s, clip, t.anti_windup, t.velocity_samples, law)
+    slow, every = t.position_sample_time_s, t.sample_time_s
+    if slow and law is not None:
+        raise InputError(f"{place}: position_sample_time_s and R; allowed: a cascade, whose set-points it holds")
+    most = 2.0 / (t.position_gain_per_s or 1.0)
+    if slow >= most:  # with a velocity loop without any lag
+        raise InputError(
+            f"{place}: position_sample_time_s = {slow:g}; allowed: below 2 / position_gain_per_s, {most:g}"
+        )
+    if slow and every and abs(slow / every - round(slow / every)) > 1e-6:
+        raise InputError(f"{place}: position_sample_time_s = {slow:g}; allowed: multiples of sample_time_s, {every:g}")
+    control = Control(every, t.torque_lag_s, t.loop_delay_s, clip, t.anti_windup, t.velocity_samples, law)
+    control = replace(control, position_sample_time=slow)
     return Controller(
         t.position_gain_per_s or 1.0,
         (t.torque_per_V if law else t.velocity_gain_Nms_per_rad) or 1.0,

@@ -73,6 +73,7 @@ _OF_LOGS = """
 # torque_lag_s = 0.0
 # loop_delay_s = 0.0
 # sample_time_s = 0.001
+# position_sample_time_s = 0.0         # where the velocity loop is the faster one; a multiple of sample_time_s
 """
 
 

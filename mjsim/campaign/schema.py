@@ -82,6 +82,7 @@ class ControllerTable(Table):
     torque_lag_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     loop_delay_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     sample_time_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    position_sample_time_s: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     clip_Nm: Annotated[float, Field(gt=0, le=1e4)] | None = None
     clip_V: Annotated[float, Field(gt=0, le=1e4)] | None = None
     torque_per_V: Annotated[float, Field(gt=0, le=1e4)] | None = None

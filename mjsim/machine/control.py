@@ -39,6 +39,7 @@ class Control:
         law: What stands in place of the cascade; then the velocity gain is its torque per unit of output.
         fastest: Largest velocity set-point, rad/s of the motor; infinite: none.
         voltage: Torque of the motor at rest with all the voltage, N·m, and one over its speed without load, s/rad.
+        position_sample_time: Between two velocity set-points, s; 0: one at every sample.
     """
 
     sample_time: float = 0.0
@@ -50,6 +51,7 @@ class Control:
     law: Law | None = None
     fastest: float = np.inf
     voltage: tuple[float, float] = (np.inf, 0.0)
+    position_sample_time: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,8 @@ The control is sampled: with the motor's angle y, the command r and its sampling
     u = Kvp [x + (1/Ti) ∫ x dt]                              trapezoidal; clipped, delayed, held for one sample
 
 The velocity set-point in x, Kpp (r − y) + ratio·s r, stays within a speed limit. With a lag it is the mean of two
-samples. A limited voltage leaves the motor a torque between
+samples. Where the position loop is slower than the velocity loop, the set-point of every so manieth sample is held. A
+limited voltage leaves the motor a torque between
 
     −τs (1 + ω/ω0)  and  τs (1 − ω/ω0),   τs its torque at rest, ω0 its speed without load
 

@@ -47,3 +47,8 @@ def set_point_share(axis: AxisPlant, step: float) -> float:
     if axis.control.law is not None:
         return np.inf
     return 1.0 if lag < 0.5 * step else 2.0 / (1.0 + 2.0 * lag / step)
+
+
+def samples_of_set_point(axis: AxisPlant, step: float) -> int:
+    """Samples for which a velocity set-point is held."""
+    return max(1, round(axis.control.position_sample_time / step))

@@ -10,15 +10,15 @@ from numba import njit
 from mjsim.machine.control import MOST_COEFFICIENTS
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.drive import bristle
-from mjsim.simulation.servo_filters import filters, position_part, set_point_share
+from mjsim.simulation.servo_filters import filters, position_part, samples_of_set_point, set_point_share
 
 # parameters of one axis
 _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _RISE, _RISE_AT = range(11)
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
 _WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST, _LOSS = range(19, 26)
-_PLAY, _FASTEST, _SET_POINT, _STALL, _NO_LOAD = range(26, 31)
-_R, _S, _T, _P = (31 + i * MOST_COEFFICIENTS for i in range(4))
-_SIZE = 31 + 4 * MOST_COEFFICIENTS
+_PLAY, _FASTEST, _SET_POINT, _STALL, _NO_LOAD, _EVERY = range(26, 32)
+_R, _S, _T, _P = (32 + i * MOST_COEFFICIENTS for i in range(4))
+_SIZE = 32 + 4 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -57,6 +57,7 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
     out[[_EXCESS, _WAY, _REST]] = p.resting[0], 1.0 / p.resting[1], 1.0 / p.resting[2]
     out[_PLAY] = p.play
     out[[_FASTEST, _SET_POINT, _STALL, _NO_LOAD]] = c.fastest, set_point_share(p, step), *c.voltage
+    out[_EVERY] = samples_of_set_point(p, step)
     laws = (*filters(axis, step), position_part(axis, step))
     out[_TAPS] = max(len(values) for values in laws)
     for at, values in zip((_R, _S, _T, _P), laws, strict=True):
@@ -117,6 +118,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     outputs = np.full(_RING, first)
     whole = min(int(p[_DELAY]), MOST_DELAY - 1)
     part = min(max(p[_DELAY] - whole, 0.0), 1.0)
+    every, held = int(p[_EVERY]), 0.0  # samples of a velocity set-point
     k, quiet, tau = 0, 0, first
     while k < n:
         position[k], velocity[k] = th, om
@@ -134,8 +136,9 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             set_point += p[_T + i] * wanted[i] - p[_P + i] * (actual[i] + lost[i])
             if i:
                 x -= p[_R + i] * before[i]
-        if abs(set_point) > p[_SET_POINT] * p[_FASTEST]:
-            x -= set_point - math.copysign(p[_SET_POINT] * p[_FASTEST], set_point)
+        if k % every == 0:
+            held = math.copysign(min(abs(set_point), p[_SET_POINT] * p[_FASTEST]), set_point)
+        x += held - set_point
         before[0] = x
         more = integral + 0.5 * p[_RATE] * (x + last_x) if k else integral
         last_x = x
@@ -165,7 +168,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             split = not slides
             still = k > 0 and abs(om) < AT_REST and abs(tau - former) < AT_REST * tc and p[_RATE] == 0.0
             quiet = quiet + 1 if still and r[k] == r[k - 1] else 0
-            if quiet > whole + taps + 2:  # nothing moves until the command does
+            if quiet > whole + taps + every + 1:  # nothing moves until the command does
                 begun = k
                 while k + 1 < n and r[k + 1] == r[k]:
                     k += 1

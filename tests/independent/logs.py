@@ -55,15 +55,16 @@ class Control:
     fastest: float = np.inf
     stall: float = np.inf
     no_load: float = np.inf
+    every: int = 1  # samples for which a velocity set-point is held
 
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque, load):
     j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss, play = axis
-    kpp, kvp, of_ti, ff, delay, on_load, clip, fastest, stall, no_load = control
+    kpp, kvp, of_ti, ff, delay, on_load, clip, fastest, stall, no_load, every = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
-    om, z, integral, last_x = 0.0, 0.0, 0.0, 0.0
+    om, z, integral, last_x, wanted = 0.0, 0.0, 0.0, 0.0, 0.0
     if tc > 0.0:
         most = pre * (1.0 + excess)
         z = min(max((u_start - constant - ripple * np.sin(order * th + phase)) / s0, -most), most)
@@ -76,7 +77,9 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
         behind = min(max(behind, th - 0.5 * play), th + 0.5 * play)
         load[k] = np.round((behind + error[len(r) - 1 - k]) / resolution) * resolution
         set_point = kpp * (r[k] - (load[k] if on_load > 0.0 else y)) + ff * (r[k] - r1) / h
-        x = min(max(set_point, -fastest), fastest) - (y - y1) / h
+        if k % int(every) == 0:
+            wanted = min(max(set_point, -fastest), fastest)
+        x = wanted - (y - y1) / h
         if k == 0:
             last_x = x
             integral = u_start / kvp - x if of_ti > 0.0 else 0.0
@@ -154,7 +157,7 @@ def record_both(
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward)
     law = (*law, float(control.delay_samples), float(control.on_load), control.clip)
-    law = (*law, control.fastest, control.stall, control.no_load)
+    law = (*law, control.fastest, control.stall, control.no_load, control.every)
     steps = max(1, round(control.sample / 2e-6))
     error = noise * gear * np.random.default_rng(seed).normal(size=len(command))
     start = command[0] * gear

@@ -23,7 +23,7 @@ from mjsim.instruments.axis_log.signals import limit_of
 from mjsim.machine.model import TOLERANCE, Drive, Machine, build
 from mjsim.machine.plant import AxisPlant
 from mjsim.simulation.servo import sampling
-from mjsim.simulation.servo_filters import filters
+from mjsim.simulation.servo_filters import filters, position_part, samples_of_set_point
 
 #: Samples over which a control may take the velocity.
 _VELOCITY_SAMPLES = (1, 2, 3, 4)
@@ -82,6 +82,10 @@ def _output(axis: AxisPlant, record_step: float, command: np.ndarray, actual: np
     r, y = (np.asarray(q) * axis.gear for q in (command, actual))
     r0, y0 = r[0], y[0]
     x = np.asarray(lfilter(T, R, r - r0)) - np.asarray(lfilter(S, R, y - y0))
+    every = samples_of_set_point(axis, step)
+    if every > 1:
+        set_point = np.asarray(lfilter(T, R, r - r0)) - np.asarray(lfilter(position_part(axis, step), R, y - y0))
+        x = x + set_point[np.arange(len(x)) // every * every] - set_point
     x = x + (T.sum() * r0 - S.sum() * y0) / R.sum() if abs(R.sum()) > 1e-12 else x
     if axis.control.law is None and np.isfinite(axis.integral_time):
         middle = 0.5 * (x + np.concatenate([x[:1], x[:-1]]))
