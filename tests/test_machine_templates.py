@@ -12,7 +12,6 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES, TEMPLATES
 from mjsim.campaign.new import machine_text
-from mjsim.effects.registry import make
 from mjsim.inference.calibration import sheet_range
 from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_block, sheet_of
 from mjsim.inference.planning.whole_campaign import CampaignPlanner, possible_tests
@@ -118,9 +117,6 @@ def test_a_friction_counts_as_wrong_beyond_what_is_believed_of_it(three_axes):
     known = sheet_range(replace(three_axes, factor=None), friction)
     assert known["coulomb_Nm"] == pytest.approx((0.9 * stated, 1.1 * stated))
     assert set(known) == {"coulomb_Nm", "presliding_rad"}
-    slow = make("integral_time.X", ratio=1.0)
-    assert sheet_range(three_axes, slow)["ratio"] == pytest.approx((0.5, 2.0))
-    assert sheet_range(replace(three_axes, factor=None), slow)["ratio"] == pytest.approx((0.99, 1.01))
 
 
 # --- the plan of a new campaign --------------------------------------------------------------------------------------

@@ -22,10 +22,10 @@ from mjsim.inference.axis_logs.entries import Entry
 from mjsim.inference.axis_logs.fit import AxisFit
 from mjsim.inference.axis_logs.start import MOST_SHIFT
 from mjsim.inference.axis_logs.together import deviation_along, leading_number
-from mjsim.inference.calibration import sheet_range
+from mjsim.inference.calibration import LIMIT_DEVIATIONS
 from mjsim.inference.data_sheet import OF_SHEET
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine
+from mjsim.machine.model import TOLERANCE, Machine
 
 #: Share of the Coulomb friction that a torque may have which does not turn with the direction (assumed: a bearing drags
 #: a little more one way).
@@ -40,7 +40,7 @@ def probability_of_size(candidate: Candidate, fit: AxisFit, without: AxisFit) ->
         fit: The final model.
         without: The model without the cause.
     """
-    large = beyond_class(candidate, fit, without.model.machine)
+    large = beyond_class(candidate, fit)
     if large is not None:
         return large
     changed = np.maximum(without.mean_squares - fit.mean_squares, 1e-30)
@@ -58,39 +58,26 @@ def probability_known(candidate: Candidate, fit: AxisFit, without: AxisFit) -> f
     return 1.0 - fit.discrepancy.probability * share / (share + odds * (1.0 - share))
 
 
-def beyond_class(candidate: Candidate, fit: AxisFit, given: Machine) -> float | None:
+def beyond_class(candidate: Candidate, fit: AxisFit) -> float | None:
     """Probability that a cause that is there is larger than the tolerance of the data sheet, or that of the machine.
     Nothing where neither has one.
-
-    Args:
-        candidate: The cause.
-        fit: The final model.
-        given: The machine of the model without the cause.
     """
     effect = fit.model.machine.effect(candidate.effect.id)
     assert effect is not None
     lead = leading_number(fit.model, effect, candidate.order)
-    if lead is None:
+    limit = 0.0 if lead is None else _limit_of(fit.model.machine, effect, fit.model.entries[int(np.argmax(lead[0]))])
+    if lead is None or limit == 0.0:
         return None
     direction, _, distance = lead
-    low, high = _range_of(given, effect, fit.model.entries[int(np.argmax(direction))])
-    if low == high:
-        return None
     spread = max(deviation_along(fit.covariance, direction, []), 1e-12)
-    return float(ndtr((distance - high) / spread) + ndtr((low - distance) / spread))
-
-
-def _range_of(machine: Machine, effect: Effect, entry: Entry) -> tuple[float, float]:
-    """Between what a machine of its class may have of an effect, in units of the vector; zeros: nobody says."""
-    if effect.kind in OF_SHEET:
-        low, high = sheet_range(machine, effect)["ratio"]
-        return math.log(low), math.log(high)
-    limit = _limit_of(machine, effect, entry)
-    return -limit, limit
+    # both ends of what a sound machine may have
+    return float(ndtr((distance - limit) / spread) + ndtr((-distance - limit) / spread))
 
 
 def _limit_of(machine: Machine, effect: Effect, entry: Entry) -> float:
-    """What a machine of its class may have of an effect that is no number of the data sheet, likewise."""
+    """What a machine of its class may have of an effect, in units of the vector; zero where nothing says so."""
+    if effect.kind in OF_SHEET:
+        return LIMIT_DEVIATIONS * TOLERANCE[OF_SHEET[effect.kind]]
     if effect.kind == "servo_delay":  # a recorder may be so late
         return MOST_SHIFT
     if effect.kind == "friction_direction":
