@@ -17,7 +17,7 @@ from mjsim.machine.effect import Effect, Parameter
 from mjsim.machine.model import build
 from mjsim.machine.plant import STAGES
 from mjsim.simulation import callback, mjmodel
-from mjsim.simulation.axes import AxesMotion, late
+from mjsim.simulation.axes import AxesMotion
 from mjsim.simulation.drive import STEP, SUBSTEPS
 from mjsim.simulation.multibody import prepare, simulate
 
@@ -99,20 +99,6 @@ def test_loops_closed_on_the_load(m1, bare, cone, circle):
         assert np.abs(alone - inside.deviation).max() < 1e-10
         lost = [float(np.sqrt(np.mean((s.deviation - without.deviation) ** 2))) for s in (outside, inside)]
         assert 1e-7 < lost[1] < 0.5 * lost[0]
-
-
-@pytest.mark.parametrize("delay", [0.0004, 0.003, 0.0111, -0.0007, -0.002])
-def test_a_late_command_is_that_of_an_earlier_instant(delay):
-    """To rounding where the command is a cubic of the time; before the program's start and behind its end it stands."""
-    time = np.arange(200) * STEP
-    command = 0.3 + 2.0 * time - 5.0 * time**2 + 40.0 * time**3
-    then = np.clip(time - delay, time[0], time[-1])
-    inside = (then > 2 * STEP) & (then < time[-1] - 2 * STEP)
-    exact = 0.3 + 2.0 * then - 5.0 * then**2 + 40.0 * then**3
-    found = late(command, delay, STEP)
-    np.testing.assert_allclose(found[inside], exact[inside], atol=1e-12)
-    stands = then == (time[0] if delay > 0.0 else time[-1])
-    np.testing.assert_allclose(found[stands][1:-1], command[0 if delay > 0.0 else -1], atol=1e-4)
 
 
 def test_the_campaigns_of_the_examples(m1):

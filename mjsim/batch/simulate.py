@@ -28,8 +28,7 @@ from mjsim.machine.kinematics import read_along
 from mjsim.machine.model import build
 from mjsim.machine.plant import Plant
 from mjsim.simulation import callback, mjmodel
-from mjsim.simulation.axes import behind, own_effects, time_grid
-from mjsim.simulation.drive import STEP
+from mjsim.simulation.axes import delayed_commands, own_effects, time_grid
 from mjsim.simulation.multibody import check_warnings, not_finite, sensor, set_at_rest
 from mjsim.simulation.stability import check_stable
 from mjsim.threads import one_blas_thread
@@ -186,7 +185,7 @@ class Simulator:
     def _controls(self, plan: TestPlan, plant: Plant) -> tuple[np.ndarray, np.ndarray]:
         if not plant.python_effects and not any(a.delay for a in plant.axes.values()):
             return plan.commands, plan.control
-        sent = behind(plan.commands, STEP, plant)
+        sent = delayed_commands(plan.program, plan.time, plant)
         if plant.python_effects:
             sent = np.hstack([sent, own_effects(plant, plan.test, plan.time)])
         return sent, shifted(sent)

@@ -7,7 +7,6 @@ the MuJoCo simulation.
 
 from __future__ import annotations
 
-import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from copy import copy
@@ -36,28 +35,25 @@ def time_grid(program: Program) -> np.ndarray:
     return np.arange(int(np.ceil((program.duration + TAIL) / STEP)) + 1) * STEP
 
 
-def behind(commands: np.ndarray, step: float, plant: Plant) -> np.ndarray:
-    """Axis commands (n, axes) ``step`` s apart as the drives receive them, each with its own delay; themselves where no
-    drive has one.
+def delayed_commands(program: Program, time: np.ndarray, plant: Plant) -> np.ndarray:
+    """Axis commands (n, axes) as the drives receive them, each with its own delay."""
+    return behind(program, time, program.commands(time), plant)
+
+
+def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plant) -> np.ndarray:
+    """As :func:`delayed_commands`, from the ``commands`` (n, axes) of ``time`` (n,) s; these themselves where no
+    drive has a delay.
     """
     delays = [plant.axes[a].delay for a in plant.chain.letters]
     if not any(delays):
         return commands
-    return np.column_stack([late(c, delay, step) for c, delay in zip(commands.T, delays, strict=True)])
-
-
-def late(commands: np.ndarray, delay: float, step: float) -> np.ndarray:
-    """Commands (n,) of one axis, ``step`` s apart, ``delay`` s late: by cubics through four of them, held at both
-    ends.
-    """
-    if not delay:
-        return commands
-    steps = math.ceil(delay / step)
-    u = steps - delay / step  # behind the second of the four
-    padded = np.pad(commands, abs(steps) + 2, mode="edge")
-    first = abs(steps) + 2 - steps
-    weights = -u * (u - 1) * (u - 2) / 6, (u * u - 1) * (u - 2) / 2, -(u + 1) * u * (u - 2) / 2, u * (u * u - 1) / 6
-    return np.correlate(padded[first - 1 : first + len(commands) + 2], weights, "valid")
+    out = commands.copy()
+    for delay in {d for d in delays if d}:
+        moved = program.commands(time - delay)
+        for i in range(len(delays)):
+            if delays[i] == delay:
+                out[:, i] = moved[:, i]
+    return out
 
 
 def _driven(drive: AxisPlant, commands: np.ndarray, step: float, substeps: int = SUBSTEPS) -> np.ndarray:
@@ -79,7 +75,7 @@ def own_effects(plant: Plant, test: BallBarTest, time: np.ndarray) -> np.ndarray
         SimulationError: an effect raises, or returns anything but finite numbers of that shape.
     """
     step = float(time[1] - time[0])
-    commands = behind(Program(test).commands(time), step, plant)
+    commands = delayed_commands(Program(test), time, plant)
     q = np.empty((len(time), plant.width))
     q[:, plant.chain.count :] = 0.0
     for i, a in enumerate(plant.chain.letters):
@@ -124,6 +120,7 @@ class AxesMotion:
     def __post_init__(self) -> None:
         self.program = Program(self.test)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
+        self._late: OrderedDict[float, np.ndarray] = OrderedDict()
         self._turn = RLock()
 
     def read_as(self, test: BallBarTest) -> AxesMotion:
@@ -169,9 +166,24 @@ class AxesMotion:
         n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
         return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
+    def _delayed(self, delay: float) -> np.ndarray:
+        """Commands ``delay`` s late, (n, axes) m and rad: the path of a cone takes long, and derivatives ask for the
+        same one again and again.
+        """
+        if not delay:
+            return self.commands
+        with self._turn:
+            if delay not in self._late:
+                self._late[delay] = self.program.commands(self.time - delay)
+            self._late.move_to_end(delay)
+            out = self._late[delay]
+            while len(self._late) > self.keep:
+                self._late.popitem(last=False)
+            return out
+
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
         i = self.test.chain.index(axis)
-        r = late(self.commands[:, i], drive.delay, STEP)
+        r = self._delayed(drive.delay)[:, i]
         # an axis that never moves stays: the integrator holds gravity
         moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
         return np.ascontiguousarray(moved[::every])
@@ -195,6 +207,8 @@ class AxesMotion:
             axes = q[:, : plant.chain.count]
             axes += added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
+            with self._turn:
+                self._late.clear()
             for name in ("time", "commands"):
                 vars(self).pop(name, None)
         return np.ascontiguousarray(q[:: every // fine])
@@ -263,7 +277,7 @@ def load_of(
 
 def motor_of(drive: AxisPlant, time: np.ndarray, command: np.ndarray) -> np.ndarray:
     """Position of one axis (n,) behind its drive for any ``command`` (n,) at ``time`` (n,) s, in axis units."""
-    step = float(time[1] - time[0])
-    command = late(command, drive.delay, step)
+    if drive.delay:
+        command = np.interp(time - drive.delay, time, command)
     # an axis that never moves stays: the integrator holds gravity
-    return _driven(drive, command, step) if np.ptp(command) > 0.0 else command
+    return _driven(drive, command, float(time[1] - time[0])) if np.ptp(command) > 0.0 else command

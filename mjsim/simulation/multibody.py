@@ -201,7 +201,7 @@ def prepare(
     program = Program(test)
     time = _grid(program, step)
     command = program.commands(time)
-    sent = behind(command, step, plant)
+    sent = behind(program, time, command, plant)
     ops = plant.op_table(test.recording, test.started)
     model = mjmodel.for_test(model, test, sent[0], ops)
     data = mujoco.MjData(model)
