@@ -117,6 +117,23 @@ def test_a_limited_voltage_leaves_a_speed_torque_line():
     assert back.torque.min() == pytest.approx(-2.0 * stall, rel=0.02)
 
 
+def as_stated(axis, control, **changes):
+    """The drive that the independent integration has, with further numbers of its digital control."""
+    return AxisPlant(
+        2.0 * np.pi / axis.lead,
+        control.position_gain,
+        control.velocity_gain,
+        control.integral_time,
+        axis.inertia,
+        axis.viscous,
+        0.0,
+        feedforward=control.feedforward,
+        coulomb=axis.coulomb,
+        presliding=axis.presliding,
+        control=Control(sample_time=control.sample, **changes),
+    )
+
+
 @pytest.mark.parametrize(
     "changes", [{"fastest": 90.0}, {"stall": 2.0, "no_load": 130.0}, {"clip": 1.2}], ids=["speed", "voltage", "torque"]
 )
@@ -127,19 +144,7 @@ def test_limits_are_those_of_an_independent_integration(changes, integral_time):
     command = logs.to_and_fro()
     truth, _ = logs.record(axis, control, command, noise=0.0, step=1e-13)
     limits = {"fastest": control.fastest, "clip": control.clip, "voltage": (control.stall, 1.0 / control.no_load)}
-    plant = AxisPlant(
-        2.0 * np.pi / axis.lead,
-        control.position_gain,
-        control.velocity_gain,
-        integral_time,
-        axis.inertia,
-        axis.viscous,
-        0.0,
-        feedforward=0.5,
-        coulomb=axis.coulomb,
-        presliding=axis.presliding,
-        control=Control(sample_time=1e-3, **limits),
-    )
+    plant = as_stated(axis, control, **limits)
     motion = follow(plant, 1e-3 * np.arange(len(command)), command, ServoStart(0.0))
     free = follow(replace(plant, control=Control(sample_time=1e-3)), motion.time, command, ServoStart(0.0))
     assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 10e-9
@@ -154,19 +159,7 @@ def test_a_slower_position_loop_holds_its_set_point(sample, every, integral_time
     control = logs.Control(integral_time=integral_time, feedforward=0.5, sample=sample, every=every)
     command = logs.to_and_fro(sample)
     truth, torque = logs.record(axis, control, command, noise=0.0, step=1e-13)
-    plant = AxisPlant(
-        2.0 * np.pi / axis.lead,
-        control.position_gain,
-        control.velocity_gain,
-        integral_time,
-        axis.inertia,
-        axis.viscous,
-        0.0,
-        feedforward=0.5,
-        coulomb=axis.coulomb,
-        presliding=axis.presliding,
-        control=Control(sample_time=sample, position_sample_time=every * sample),
-    )
+    plant = as_stated(axis, control, position_sample_time=every * sample)
     time = sample * np.arange(len(command))
     motion = follow(plant, time, command, ServoStart(0.0))
     assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 10e-9

@@ -138,14 +138,19 @@ def test_hypotheses_stand_beside_the_residual_of_the_fit(real):
     assert expected.levels[0][0] == pytest.approx(model.evidence, abs=5.0)
 
 
+def as_its_file_says(folder, *hidden):
+    """A short campaign of a machine that is as its file says but for what is hidden, and that file."""
+    generator.write_files(generator.Case("few", "M1", tuple(layout("short"))[:4], hidden, seed=3), folder)
+    campaign = read_campaign(folder)
+    return campaign, read_machine(campaign.machine_file)
+
+
 def test_a_machine_as_its_file_says_has_no_small_errors(tmp_path):
     """Two causes on a machine that is otherwise as its file says: what a machine of its class may have besides is left
     out, and the evidence is larger without.
     """
     hidden = ({"id": "squareness.XY", "angle_urad": 20.0}, {"id": "backlash.X", "width_um": 1.5})
-    generator.write_files(generator.Case("few", "M1", tuple(layout("short"))[:4], hidden, seed=3), tmp_path)
-    campaign = read_campaign(tmp_path)
-    machine = read_machine(campaign.machine_file)
+    campaign, machine = as_its_file_says(tmp_path, *hidden)
     problem = Problem.of(campaign, build(machine), threads=2)
     search = BarSearch(Fitter(problem, machine))
     usual = search._searched(search._begun(expected_effects(machine)))
@@ -158,9 +163,7 @@ def test_without_a_friction_the_data_sheet_is_as_uncertain_as_it_says(tmp_path):
     """A template says 1.7 times the friction that there is, within what is believed of it. A friction that was in the
     model could not be taken out any more: without it the sheet's number seemed to be certain.
     """
-    generator.write_files(generator.Case("sound", "M1", tuple(layout("short"))[:4], (), seed=3), tmp_path)
-    campaign = read_campaign(tmp_path)
-    machine = read_machine(campaign.machine_file)
+    campaign, machine = as_its_file_says(tmp_path)
     true = machine.effect("friction.X")
     stated = true.replaced(coulomb_Nm=1.7 * true.values["coulomb_Nm"])
     machine = replace(machine.with_effect(stated), factor=2.0)
@@ -176,10 +179,9 @@ def test_a_ripple_is_there_though_its_torque_is_known_to_a_factor_only(tmp_path)
     """All torques of a drive times one factor give the same motion, so a template leaves the ripple's amplitude within
     that factor. In the linear problem other torques could take it away, which they cannot: nothing was found.
     """
-    hidden = ({"id": "torque_ripple.C", "amplitude_Nm": 0.4, "order": 1.0, "phase_deg": 40.0},)
-    generator.write_files(generator.Case("ripple", "M1", tuple(layout("short"))[:4], hidden, seed=3), tmp_path)
-    campaign = read_campaign(tmp_path)
-    machine = replace(read_machine(campaign.machine_file), factor=2.0)
+    hidden = {"id": "torque_ripple.C", "amplitude_Nm": 0.4, "order": 1.0, "phase_deg": 40.0}
+    campaign, machine = as_its_file_says(tmp_path, hidden)
+    machine = replace(machine, factor=2.0)
     problem = Problem.of(campaign, build(machine), threads=2)
     found = explain(Separated(problem, machine, ()))
     (ripple,) = found.selection.found

@@ -89,8 +89,8 @@ def _controller(place: str, t: ControllerTable, angle: float) -> Controller:
         )
     if slow and every and abs(slow / every - round(slow / every)) > 1e-6:
         raise InputError(f"{place}: position_sample_time_s = {slow:g}; allowed: multiples of sample_time_s, {every:g}")
-    control = Control(every, t.torque_lag_s, t.loop_delay_s, clip, t.anti_windup, t.velocity_samples, law)
-    control = replace(control, position_sample_time=slow)
+    lag, delay, over = t.torque_lag_s, t.loop_delay_s, t.velocity_samples
+    control = Control(every, lag, delay, clip, t.anti_windup, over, law, position_sample_time=slow)
     return Controller(
         t.position_gain_per_s or 1.0,
         (t.torque_per_V if law else t.velocity_gain_Nms_per_rad) or 1.0,

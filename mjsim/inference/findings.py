@@ -34,7 +34,7 @@ from mjsim.inference.linear_evidence import WORTH
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import STEPS, TOLD, D, Found, Model, Search, names_to_tell
+from mjsim.inference.search import STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, Curve, best_curves
@@ -273,6 +273,12 @@ def _density_ratio(off: np.ndarray, covariance: np.ndarray, deviation: np.ndarra
     return 0.5 * float(off @ np.linalg.solve(covariance, off) + shrunk)
 
 
+def _without(fitter: DataFitter[D], fit: Fit, f: EffectVector, instead: Sequence[EffectVector] = ()) -> Fit:
+    """A model fitted without one of its effects, or with something else in its place."""
+    effects = [*(g for g in fit.effects if g is not f), *instead]
+    return fitter.fit(effects, start=fit, exact=True, iterations=STEPS, fresh=False)
+
+
 class Reader(ABC, Generic[D]):
     """Reads findings out of a search.
 
@@ -360,12 +366,7 @@ class Reader(ABC, Generic[D]):
         what the model without it leaves.
         """
         fitter = self.search.fitter.with_problem(self.model.problem)
-
-        def without(f: EffectVector) -> Fit:
-            others = [g for g in fit.effects if g is not f]
-            return fitter.fit(others, start=fit, exact=True, iterations=STEPS, fresh=False)
-
-        sizes, curves = self.of_class.sizes(fit, without), self.model.curves
+        sizes, curves = self.of_class.sizes(fit, lambda f: _without(fitter, fit, f)), self.model.curves
         if not curves:
             return sizes
         wide = [replace(c, width=max(c.width, c.largest)) for c in curves]
@@ -378,9 +379,7 @@ class Reader(ABC, Generic[D]):
             if sizes[f.effect.key] < FINDING or not self._is_cause(f):
                 continue
             mine = [self.model.expected[f.effect.key].free] if f.effect.key in self.model.expected else []
-            others = [g for g in free.effects if g is not f]
-            alone = wide_fitter.fit([*others, *mine], start=free, exact=True, iterations=STEPS, fresh=False)
-            odds = 0.5 * (alone.objective - free.objective) + CAUSE
+            odds = 0.5 * (_without(wide_fitter, free, f, mine).objective - free.objective) + CAUSE
             sizes[f.effect.key] = min(sizes[f.effect.key], float(expit(odds)))
         return sizes
 

@@ -81,10 +81,11 @@ def _output(axis: AxisPlant, record_step: float, command: np.ndarray, actual: np
     R, S, T = filters(axis, step)
     r, y = (np.asarray(q) * axis.gear for q in (command, actual))
     r0, y0 = r[0], y[0]
-    x = np.asarray(lfilter(T, R, r - r0)) - np.asarray(lfilter(S, R, y - y0))
+    wanted = np.asarray(lfilter(T, R, r - r0))
+    x = wanted - np.asarray(lfilter(S, R, y - y0))
     every = samples_of_set_point(axis, step)
     if every > 1:
-        set_point = np.asarray(lfilter(T, R, r - r0)) - np.asarray(lfilter(position_part(axis, step), R, y - y0))
+        set_point = wanted - np.asarray(lfilter(position_part(axis, step), R, y - y0))
         x = x + set_point[np.arange(len(x)) // every * every] - set_point
     x = x + (T.sum() * r0 - S.sum() * y0) / R.sum() if abs(R.sum()) > 1e-12 else x
     if axis.control.law is None and np.isfinite(axis.integral_time):
