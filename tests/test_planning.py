@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -95,6 +96,30 @@ def test_deviance_is_the_squared_distance_of_fixed_explanations(m1, circle):
     assert Separator(a, b, usual_noise()).of(test).deviance < 0.01 * full  # free, it adapts
 
 
+def test_an_error_of_the_class_adapts_no_more_than_the_campaign_left_open(m1, circle):
+    """An effect that has the prior of its class and is known from the campaign beside one that is free."""
+    test = circle("XY", (0, 0, 155), feed=3000.0)
+    a, alone = explained(m1, "squareness.XY", angle_urad=20.0), explained(m1, "squareness.XY", angle_urad=10.0)
+    full = Separator(a, replace(alone, covariance=alone.covariance * 1e-12), usual_noise()).of(test).deviance
+
+    of_class = EffectVector(make("squareness.XY", angle_urad=10.0), ("angle_urad",), (np.zeros(1), np.ones(1)))
+    free = EffectVector(make("friction.A", coulomb_Nm=0.3), ("coulomb_Nm",))
+    b = Explanation.of_priors("friction.A", m1, [of_class, free])
+    known = np.ones(len(b.covariance))
+    known[b.parameters.places(of_class.block.name)] = 1e-6
+    b = replace(b, covariance=b.covariance * np.outer(known, known))
+    # the set-up, the data sheet and the friction are free in one of the two only: they take little of a squareness
+    assert Separator(a, b, usual_noise()).of(test).deviance > 0.5 * full
+
+
+def test_no_test_does_more_than_with_its_set_up_alone_adapted(m1, circle, cone):
+    """What a test is looked at for first is never less than what it would do."""
+    a, b = explained(m1, "squareness.XY", angle_urad=20.0), explained(m1, "backlash.Y", width_um=4.0)
+    separator = Separator(a, b, usual_noise())
+    for test in (circle("XY", (0, 0, 155)), circle("ZX", (0, 0, 155)), cone(15, 10, (50, 0, 155))):
+        assert separator.of(test).deviance <= separator.most(test) * (1.0 + 1e-9)
+
+
 def test_short_decisive_tests_come_first(cone):
     short, long = cone(15, 10, (0, 0, 155), feed=4000.0), cone(15, 10, (0, 0, 155), feed=500.0, revolutions=2)
     rows = [
@@ -119,7 +144,7 @@ def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
     made = Separation(circle("XY", (0, 0, 155)), 10 * PLAN.decisive, 1e-6)
     monkeypatch.setattr(
-        "mjsim.inference.planning.next_test.choose", lambda separator, tests, threads, progress, settings: [made]
+        "mjsim.inference.planning.next_test.choose", lambda separator, tests, threads, progress, settings: ([made], 1)
     )
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))

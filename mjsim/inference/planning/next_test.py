@@ -24,6 +24,9 @@ from mjsim.machine.chain import Chain
 from mjsim.progress import Progress, silent
 from mjsim.units import UM
 
+#: Tests that are offered.
+LISTED = 5
+
 
 def worth(s: Separation, settings: PlanSettings = PLAN) -> tuple[float, float]:
     """Sort key: tests that decide by deviance per minute of machine time, before tests that do not by deviance."""
@@ -38,8 +41,11 @@ def choose(
     threads: int = 2,
     progress: Progress = silent,
     settings: PlanSettings = PLAN,
-) -> list[Separation]:
-    """Candidate tests, best first: a coarse round over everything, then conditions varied around the best ones.
+) -> tuple[list[Separation], int]:
+    """The candidate tests that are worth most, best first, and how many there are within reach.
+
+    A coarse round over everything comes first, then conditions are varied around the best ones. What a test would do is
+    worked out only where it could be worth more than the best ones, when its set-up alone adapts.
 
     Args:
         separator: Of the two explanations.
@@ -48,27 +54,35 @@ def choose(
         progress: Called as work gets on.
         settings: What decides.
     """
-    seen: dict[str, Separation] = {}
+    looked_at: set[str] = set()
+    found: list[Separation] = []
 
     def evaluate(candidates: Iterable[BallBarTest], stage: str) -> None:
-        fresh = {key(t): t for t in candidates if key(t) not in seen and reachable(t, tests)}
-        for n, s in enumerate(pool.map(separator.of, fresh.values())):
-            seen[key(s.test)] = s
-            if progress:
-                progress(stage, n + 1, len(fresh))
+        fresh = {key(t): t for t in candidates if key(t) not in looked_at and reachable(t, tests)}
+        looked_at.update(fresh)
+        most = []
+        for n, (t, deviance) in enumerate(zip(fresh.values(), pool.map(separator.most, fresh.values()), strict=True)):
+            most.append(Separation(t, deviance, 0.0))
+            progress(stage, n + 1, len(fresh))
+        most.sort(key=value, reverse=True)
+        while most and (len(found) < LISTED or value(most[0]) > value(found[LISTED - 1])):
+            if found and most[0].deviance < 1.0:
+                break  # less than one standard deviation tells nothing
+            found.extend(pool.map(separator.of, [s.test for s in most[:threads]]))
+            found.sort(key=value, reverse=True)
+            del most[:threads]
 
     def key(t: BallBarTest) -> str:
         return str({k: v for k, v in table_of(t).items() if k not in ("name", "setup")})
 
-    def ranked() -> list[Separation]:
-        return sorted(seen.values(), key=lambda s: worth(s, settings), reverse=True)
+    def value(s: Separation) -> tuple[float, float]:
+        return worth(s, settings)
 
     with ThreadPoolExecutor(threads) as pool:
         evaluate(first_round(tests), "planning: all kinds of tests")
         for _ in range(settings.rounds):
-            best = ranked()[: settings.refined]
-            evaluate([n for s in best for n in neighbours(s.test)], "planning: around the best")
-    return ranked()
+            evaluate([n for s in found[: settings.refined] for n in neighbours(s.test)], "planning: around the best")
+    return found, len(looked_at)
 
 
 #: How the absence of every further effect is named in ``between``.
@@ -103,7 +117,7 @@ class Plan:
         """Whether the best test is expected to decide."""
         return self.best.deviance >= self.settings.decisive
 
-    def to_json(self, most: int = 5) -> dict:
+    def to_json(self, most: int = LISTED) -> dict:
         """As ``next_test`` in the JSON of ``mjsim diagnose``, with the runners-up."""
         return {
             **self._row(self.best),
@@ -172,14 +186,14 @@ def best_of(
     settings: PlanSettings = PLAN,
 ) -> Plan:
     separator = Separator(*explanations, noise, block)
-    choices = choose(separator, campaign.tests, threads, progress, settings)
+    choices, reached = choose(separator, campaign.tests, threads, progress, settings)
     a, b = between
     what = f"makes {a} show" if b == NOTHING else f"separates {a} from {b}"
     best = choices[0]
     if best.deviance >= settings.decisive:
-        reason = f"Of {len(choices)} tests within reach this one {what} best per minute of machine time."
+        reason = f"Of {reached} tests within reach this one {what} best per minute of machine time."
     else:
-        reason = f"No test of {len(choices)} within reach {what} clearly; this one comes nearest."
+        reason = f"No test of {reached} within reach {what} clearly; this one comes nearest."
     return Plan(between, tuple(choices), reason, settings, explanations)
 
 

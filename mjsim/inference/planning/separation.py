@@ -7,7 +7,7 @@ what the campaign has left open, the new set-up within its priors.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -131,60 +131,55 @@ class Separator:
 
     def of(self, test: BallBarTest) -> Separation:
         """Deviance and difference of one test."""
-        motions = motions_of(test.readings, 12)
-        found = [[m.reading(p, GRID_STEPS) for p in self._plants] for m in motions]
-        d = np.concatenate([_blocks(m, a - b, self.block) for m, (a, b) in zip(motions, found, strict=True)])
-        if np.std(d) < 0.02 * self.noise.rms:
-            return Separation(test, 0.0, 0.0)
-        pairs = [self._seen_by(m, a, b) for m, (a, b) in zip(motions, found, strict=True)]
-        J, rows = (np.concatenate(x) for x in zip(*pairs, strict=True))
+        return self._adapted(test, lasting=True)
+
+    def most(self, test: BallBarTest) -> float:
+        """Deviance of one test if nothing but its set-up adapted: no less than the true one, and sooner known."""
+        return self._adapted(test, lasting=False).deviance
+
+    def _adapted(self, test: BallBarTest, lasting: bool) -> Separation:
+        """One test when the second explanation has adapted its set-up, and with ``lasting`` all that it may."""
+        parts = [self._seen_by(motion, lasting) for motion in motions_of(test.readings, 12)]
+        d, J, rows = (np.concatenate(x) for x in zip(*parts, strict=True))
         dw, Jw = rows[:, 0], rows[:, 1:]
         adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
         rest = dw - Jw @ adapted
         return Separation(test, float(max(dw @ rest, 0.0)), float(np.sqrt(np.mean((d - J @ adapted) ** 2))))
 
-    def _seen_by(self, motion: AxesMotion, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of one reading the derivatives of the second explanation, (n, p) m per prior standard deviation, and the
-        difference with these, whitened, (rows, 1 + p).
+    def _seen_by(self, motion: AxesMotion, lasting: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of one reading the difference of the explanations, (n,) m; the derivatives of the second one, (n, p) m per
+        prior standard deviation; and both whitened, (rows, 1 + p).
+        """
+        first, second = (motion.reading(p, GRID_STEPS) for p in self._plants)
+        sens = motion.sensitivity(self._plants[1], GRID_STEPS)
+        d, *columns = (_blocks(motion, c, self.block) for c in (first - second, *_set_up(motion, sens, second)))
+        if lasting:
+            kept = [_blocks(motion, c, self.block) for c in self._lasting(motion, sens, second)]
+            # in units of the root the prior is a unit normal
+            columns += list((np.column_stack(kept) @ self._prior_root(motion.test)).T)
+        J = np.column_stack(columns)
+        return d, J, whitened(self.noise, np.column_stack([d, J]))
+
+    def _prior_root(self, test: BallBarTest) -> np.ndarray:
+        """Cholesky factor of the covariance of what lasts: instrument, data sheet of the axes concerned, effects."""
+        other = self.other
+        instrument = NEST if test.component else BAR_LENGTH
+        sheet = [other.parameters.place(DATA_SHEET, data_sheet(other.base.chain)[j].label) for j in self._moved]
+        effects = [f.block.name for f in other.effects]
+        kept = [*other.parameters.places(instrument), *sheet, *other.parameters.places(*effects)]
+        return np.linalg.cholesky(other.covariance[np.ix_(kept, kept)] + 1e-12 * np.eye(len(kept)))
+
+    def _lasting(self, motion: AxesMotion, sens: BarSensitivity, base: np.ndarray) -> Iterator[np.ndarray]:
+        """Derivatives of the second explanation's reading for what lasts, m per prior unit.
 
         Args:
             motion: Of the axes.
-            first: Reading by the first explanation, m on the grid.
-            second: By the second one.
-        """
-        d, *columns = (_blocks(motion, c, self.block) for c in (first - second, *self._columns(motion, second)))
-        block = NEST if motion.test.component else BAR_LENGTH
-        # in units of the root the prior is a unit normal
-        J = np.column_stack(columns) @ self._prior_root(len(columns), block)
-        return J, whitened(self.noise, np.column_stack([d, J]))
-
-    def _prior_root(self, size: int, instrument: str) -> np.ndarray:
-        """Cholesky factor of the covariance of set-up and trigger, then instrument, data sheet of the axes concerned,
-        effects.
-
-        Args:
-            size: Number of columns.
-            instrument: Name of its block.
-        """
-        other = self.other
-        sheet = [other.parameters.place(DATA_SHEET, data_sheet(other.base.chain)[j].label) for j in self._moved]
-        effects = [b.name for b in other.parameters.blocks if not b.informative]
-        kept = [*other.parameters.places(instrument), *sheet, *other.parameters.places(*effects)]
-        new = size - len(kept)
-        root = np.eye(size)
-        root[new:, new:] = np.linalg.cholesky(other.covariance[np.ix_(kept, kept)] + 1e-12 * np.eye(len(kept)))
-        return root
-
-    def _columns(self, motion: AxesMotion, base: np.ndarray):
-        """Derivatives of the other explanation's reading: set-up, trigger, instrument, data sheet, effects; m per prior
-        unit.
+            sens: Derivatives of the reading along it.
+            base: The reading, m on the grid.
         """
         plant, other = self._plants[1], self.other
-        sens = motion.sensitivity(plant, GRID_STEPS)
-        set_up, (own, _) = set_up_columns(motion.test, sens, np.zeros((len(base), 3))), set_up_sizes(motion.test)
-        yield from set_up[:, :own].T
-        yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
-        yield from set_up[:, own:].T
+        own, _ = set_up_sizes(motion.test)
+        yield from set_up_columns(motion.test, sens, np.zeros((len(base), 3)))[:, own:].T
         yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
         linear = Linearisation(Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
         for f in other.effects:
@@ -196,6 +191,15 @@ class Separator:
                 effect, change = f.nudged(j, _STEP)
                 there = motion.reading(build(other.machine.with_effect(effect)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
+
+
+def _set_up(motion: AxesMotion, sens: BarSensitivity, base: np.ndarray) -> Iterator[np.ndarray]:
+    """Derivatives of a reading for what every test has of its own: set-up and trigger, m per prior unit; arguments as
+    of ``Separator._lasting``.
+    """
+    own, _ = set_up_sizes(motion.test)
+    yield from set_up_columns(motion.test, sens, np.zeros((len(base), 3)))[:, :own].T
+    yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
 
 
 def _blocks(motion: AxesMotion, grid: np.ndarray, length: float) -> np.ndarray:
