@@ -170,6 +170,35 @@ def test_a_slower_position_loop_holds_its_set_point(sample, every, integral_time
     assert np.std(_output(plant, sample, command, truth) - torque) < 0.01 * np.std(torque)
 
 
+@pytest.mark.parametrize(("order", "integral_time"), [(1.0, np.inf), (2.0, 0.04), (4.0, 0.04)])
+def test_an_encoder_that_reads_wrong_misleads_its_control(order, integral_time):
+    """As an independent integration has it; the recording follows the command, and the motor does not."""
+    axis = logs.Axis(coulomb=0.15, misread=np.radians(0.3), misread_order=order, misread_phase=0.7)
+    control = logs.Control(integral_time=integral_time, feedforward=0.5)
+    command = logs.to_and_fro()
+    truth, torque = logs.record(axis, control, command, noise=0.0, step=1e-13)
+    plant = replace(as_stated(axis, control), encoder_error=(np.radians(0.3), order, 0.7))
+    time = 1e-3 * np.arange(len(command))
+    motion = follow(plant, time, command, ServoStart(truth[0]))
+    assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 10e-9
+    assert np.abs(motion.torque - torque).max() < 0.02 * np.abs(torque).max()
+    right = follow(replace(plant, encoder_error=(0.0, 1.0, 0.0)), time, command, ServoStart(truth[0]))
+    assert np.abs(right.position - truth).max() > 0.2e-6
+    # between the samples the speed is that of what the encoder gives
+    assert np.std(np.gradient(motion.position, 1e-3) - motion.velocity) < 3e-4
+
+
+def test_at_a_low_speed_an_encoder_shows_nothing_of_its_error():
+    """The control makes the motor follow what it reads: at rest and slowly, the error is in the motion alone."""
+    time = STEP * np.arange(20000)
+    command = 5e-3 * time / time[-1]  # one wave
+    wrong = drive(integral_time=0.02, encoder_error=(0.005, 2.0, 0.3))
+    read = follow(wrong, time, command, ServoStart(0.0)).position
+    right = follow(replace(wrong, encoder_error=(0.0, 1.0, 0.0)), time, command, ServoStart(0.0)).position
+    late = slice(2000, None)  # once it has settled
+    assert np.abs(read - right)[late].max() < 0.02 * 0.005 / wrong.gear
+
+
 def test_a_delay_of_whole_samples_moves_the_torque():
     time, command = ramp()
     torque = {}

@@ -257,6 +257,37 @@ def test_a_limit_of_speed_or_voltage_is_found_without_a_current(tmp_path, contro
         assert found.effect.values[names[name]] == pytest.approx(value, rel=5e-3) and high < 1.1 * low
 
 
+# --- encoder of the motor --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("control", "order", "amplitude", "letter"),
+    [(LOOSE, 2.0, 0.2, "X"), (Control(), 1.0, 0.35, "Y"), (replace(LOOSE, sample=5e-4), 4.0, 0.15, "Z")],
+)
+def test_an_encoder_that_reads_wrong_is_no_torque_ripple(tmp_path, control, order, amplitude, letter):
+    """Both are waves over the motor's angle. That of a torque does not grow with the speed."""
+    axis = replace(FRICTION, misread=np.radians(amplitude), misread_order=order, misread_phase=-1.0)
+    (found,) = waved(tmp_path, axis, control, letter).effects
+    assert found.effect.id == f"encoder_error.{letter}" and found.probability > 0.99 and not found.others
+    assert found.effect.values["order"] == pytest.approx(order, abs=0.02)
+    low, high = found.ci95["amplitude_deg"]
+    assert low < amplitude < high < 1.05 * low
+
+
+def test_a_torque_ripple_is_no_wrong_encoder(tmp_path):
+    axis = replace(FRICTION, ripple=0.04, ripple_order=2.0, ripple_phase=0.4)
+    (found,) = waved(tmp_path, axis, LOOSE, "X").effects
+    assert found.effect.id == "torque_ripple.X" and found.probability > 0.99 and not found.others
+
+
+def waved(folder, axis, control, letter):
+    """The diagnosis of one axis with something that varies with the motor's angle."""
+    command = to_and_fro(control.sample)
+    text = csv(command, record(axis, control, command, 0.02e-6)[0], None, control.sample)
+    write_campaign(folder, text, machine_toml(axis, control, False, 0.12), control.sample, letter)
+    return diagnose_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
+
+
 # --- filter of the command -------------------------------------------------------------------------------------------
 
 

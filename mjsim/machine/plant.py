@@ -80,6 +80,7 @@ class AxisPlant:
     (further ripples of the torque), ``by_position`` (change of the level per rad and rad² of the motor), ``rising``
     friction (N·m, rad/s at which it saturates), ``resting`` friction (share of the level that a rest adds, way after
     which it is gone, rad, time in which it forms, s), ``torque_loss`` (growth of the level per torque of the motor),
+    ``encoder_error`` (rad of the motor, order, phase),
     ``hold`` (share of the level up to which the bristles are elastic), ``smoothing`` of the command (time constant of a
     lag and time of a mean, s), and ``control``. ``encoder`` says on which the position loop is closed, and ``play`` is
     half of the width of a play inside that loop, rad of the motor.
@@ -111,6 +112,7 @@ class AxisPlant:
     viscous_share: float = 0.0
     resting: tuple[float, float, float] = (0.0, 1.0, 1.0)
     torque_loss: float = 0.0
+    encoder_error: tuple[float, float, float] = (0.0, 1.0, 0.0)
     smoothing: tuple[float, float] = (0.0, 0.0)
     encoder: str = "motor"
     play: float = 0.0

@@ -22,9 +22,10 @@ no sampling time is continuous: r, y and their rates are then those of the middl
 and beside the bristle a friction torque that rises and saturates, Tr (1 − exp(−|ω|/ω_r)) sign ω, a share of the
 viscous torque that does not turn with the direction, and torques that vary with θ.
 
-The command may come through a filter (:func:`smoothed`). Where the position loop is closed on an encoder at the load,
-Kpp acts on the load's position behind the play inside that loop, and s on the motor's; a law R, S, T has the load's
-alone.
+The encoder of the motor may read y = θ + a sin(order·θ + phase) for its angle θ: this is what the control has, and the
+log. The command may come through a filter (:func:`smoothed`). Where the position loop is closed on an encoder at the
+load, Kpp acts on the load's position behind the play inside that loop, and s on the motor's; a law R, S, T has the
+load's alone.
 """
 
 from __future__ import annotations

@@ -17,8 +17,9 @@ _J, _C, _CONSTANT, _COULOMB, _SIGMA0, _SIGMA1, _STATIC, _STRIBECK, _ASYMMETRY, _
 _CLIP, _DELAY, _ANTI_WINDUP, _RATE, _GAIN, _HOLD, _LINEAR, _QUADRATIC = range(11, 19)
 _WAVE, _TAPS, _EVEN, _EXCESS, _WAY, _REST, _LOSS = range(19, 26)
 _PLAY, _FASTEST, _SET_POINT, _STALL, _NO_LOAD, _EVERY = range(26, 32)
-_R, _S, _T, _P = (32 + i * MOST_COEFFICIENTS for i in range(4))
-_SIZE = 32 + 4 * MOST_COEFFICIENTS
+_ERROR, _ERROR_ORDER, _ERROR_PHASE, _OF_LOAD = range(32, 36)
+_R, _S, _T, _P = (36 + i * MOST_COEFFICIENTS for i in range(4))
+_SIZE = 36 + 4 * MOST_COEFFICIENTS
 #: Longest delay, samples of the control, and outputs that are kept, a power of two.
 MOST_DELAY = 200
 _RING = 256
@@ -58,6 +59,7 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
     out[_PLAY] = p.play
     out[[_FASTEST, _SET_POINT, _STALL, _NO_LOAD]] = c.fastest, set_point_share(p, step), *c.voltage
     out[_EVERY] = samples_of_set_point(p, step)
+    out[[_ERROR, _ERROR_ORDER, _ERROR_PHASE, _OF_LOAD]] = *p.encoder_error, p.encoder == "load"
     laws = (*filters(axis, step), position_part(axis, step))
     out[_TAPS] = max(len(values) for values in laws)
     for at, values in zip((_R, _S, _T, _P), laws, strict=True):
@@ -67,7 +69,8 @@ def parameters(axis: AxisPlant, step: float) -> np.ndarray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
-    """Angles, rad, speeds, rad/s, and torques, N·m, at the control's samples; see the module.
+    """Angles, rad, and speeds, rad/s, that the encoder gives, and torques, N·m, at the control's samples; see the
+    module. Where the log is that of an encoder at the load, angles and speeds are those of the motor itself.
 
     Row 0 of ``waves`` is that of the friction level, with its share as amplitude.
     """
@@ -80,7 +83,8 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             wavy, order = True, max(order, abs(waves[i, 1]))
     tc, s0, s1 = p[_COULOMB], p[_SIGMA0], p[_SIGMA1]
     of_s0 = 1.0 / s0 if tc > 0.0 else 0.0
-    th, om = state[0], state[1]
+    th = _without_error(p, state[0])
+    om = state[1] / _read(p, th)[1]
     turned, turns_left, angle = np.zeros((len(waves), 2)), 0, th  # sines and cosines of the waves at an angle
     _turn_to(turned, waves, th)
     wave = _torque(waves, turned)
@@ -92,7 +96,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     sums, size = np.zeros(3), 0.0
     taps = int(p[_TAPS])
     for i in range(taps):
-        actual[i] = th - i * om * step
+        actual[i] = state[0] - i * state[1] * step
         wanted[i] = r[0] - i * slope
         sums[0] += p[_R + i]
         size += abs(p[_R + i])
@@ -121,15 +125,18 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
     every, held = int(p[_EVERY]), 0.0  # samples of a velocity set-point
     k, quiet, tau = 0, 0, first
     while k < n:
-        position[k], velocity[k] = th, om
+        read, per_speed = th, 1.0
+        if p[_ERROR] != 0.0:
+            read, per_speed = _read(p, th)
+        position[k], velocity[k] = (th, om) if p[_OF_LOAD] > 0.0 else (read, om * per_speed)
         if k:
             for i in range(taps - 1, 0, -1):
                 actual[i], wanted[i], before[i] = actual[i - 1], wanted[i - 1], before[i - 1]
                 lost[i] = lost[i - 1]
-        actual[0], wanted[0] = th, r[k]
+        actual[0], wanted[0] = read, r[k]
         if p[_PLAY] > 0.0:
             behind = min(max(behind, th - p[_PLAY]), th + p[_PLAY])
-            lost[0] = behind - th
+            lost[0] = behind - read
         x, set_point = 0.0, 0.0
         for i in range(taps):
             x += p[_T + i] * wanted[i] - p[_S + i] * actual[i] - p[_P + i] * lost[i]
@@ -172,7 +179,7 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
                 begun = k
                 while k + 1 < n and r[k + 1] == r[k]:
                     k += 1
-                    position[k], velocity[k], torque[k] = th, om, tau
+                    position[k], velocity[k], torque[k] = position[k - 1], om, tau
                 if p[_EXCESS] != 0.0:
                     rested = 1.0 - (1.0 - rested) * math.exp(-(k - begun) * step * p[_REST])
                 outputs[:] = out
@@ -228,6 +235,22 @@ def loop(p, waves, r, step, substeps, finer, state, position, velocity, torque):
             th += f1 * om + f2 * drive
             om = e * om + f1 * drive
         k += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _read(p, th):
+    """What the motor's encoder gives for its angle, and its rate over that of the angle."""
+    phase = p[_ERROR_ORDER] * th + p[_ERROR_PHASE]
+    return th + p[_ERROR] * math.sin(phase), 1.0 + p[_ERROR] * p[_ERROR_ORDER] * math.cos(phase)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _without_error(p, read):
+    """The motor's angle for which its encoder gives an angle: what it reads wrong is small against a turn."""
+    angle = read
+    for _ in range(20):
+        angle = read - p[_ERROR] * math.sin(p[_ERROR_ORDER] * angle + p[_ERROR_PHASE])
+    return angle
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

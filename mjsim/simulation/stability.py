@@ -75,6 +75,7 @@ def only_in_logs(axis: AxisPlant) -> str:
         "friction_position": any(axis.by_position),
         "rest_friction": axis.resting[0] != 0.0,
         "torque_loss": axis.torque_loss != 0.0,
+        "encoder_error": axis.encoder_error[0] != 0.0,
         "rising_friction": axis.rising[0] != 0.0,
         "viscous_direction": axis.viscous_share != 0.0,
         "elastic_presliding": axis.hold != 0.0,

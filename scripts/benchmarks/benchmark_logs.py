@@ -164,7 +164,7 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
     """Random machines, the causes in turn."""
     random = np.random.default_rng([seed, 7])
     kinds = ("backlash", "servo_delay", "command_filter", "current_clip", "torque_loss", "servo_gain")
-    kinds = (*kinds, "speed_limit", "voltage_limit")
+    kinds = (*kinds, "speed_limit", "voltage_limit", "encoder_error")
     out = []
     for i in range(count):
         kind = kinds[i % len(kinds)]
@@ -196,6 +196,10 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
         elif kind == "voltage_limit":
             planted = (kind, "no_load_rad_per_s", (0.7 + 0.4 * size) * _fastest(axis))
             control = replace(control, no_load=planted[2], stall=1.5 * _largest(axis, control))
+        elif kind == "encoder_error":
+            planted = (kind, "amplitude_deg", 0.12 + 0.3 * size)
+            order, phase = float(random.choice([1.0, 2.0, 4.0])), float(random.uniform(-3.0, 3.0))
+            axis = replace(axis, misread=np.radians(planted[2]), misread_order=order, misread_phase=phase)
         elif kind == "torque_loss":
             planted = (kind, "share_ratio", 0.15 + 0.35 * size)
             axis = replace(axis, loss=planted[2])

@@ -5,6 +5,7 @@ J dω/dt = u − C (ω + share |ω|) − c − a sin(n θ + φ) − F,     F = �
 With the position loop closed on the load behind a play w, yl = clip(yl, y − w/2, y + w/2) stands in Kpp (r − yl).
 The velocity set-point Kpp (r − y) + ratio·Δr/h may be limited, and u by a motor's voltage: it stays within the line
 from ``stall`` at rest to zero at ``no_load`` in the direction of the motion.
+The encoder gives y = θ + misread·sin(order θ + phase), to the control and to the log.
 g grows by loss·|u|, and times 1 + excess·s after a rest:  ds/dt = (1 − s)/rest − s |ω|/way,  s = 1 at the start
 """
 
@@ -38,6 +39,9 @@ class Axis:
     rest: float = 1.0
     loss: float = 0.0
     play: float = 0.0
+    misread: float = 0.0  # of the motor's encoder, rad of the motor
+    misread_order: float = 1.0
+    misread_phase: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,27 @@ class Control:
 
 @njit(cache=True)
 def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, torque, load):
-    j, c, tc, pre, static, stribeck, constant, ripple, phase, order, even, excess, way, rest, loss, play = axis
+    (
+        j,
+        c,
+        tc,
+        pre,
+        static,
+        stribeck,
+        constant,
+        ripple,
+        phase,
+        order,
+        even,
+        excess,
+        way,
+        rest,
+        loss,
+        play,
+        misread,
+        cycles,
+        at,
+    ) = axis
     kpp, kvp, of_ti, ff, delay, on_load, clip, fastest, stall, no_load, every = control
     s0 = tc / pre if tc > 0.0 else 0.0
     dt = h / steps
@@ -71,7 +95,8 @@ def _run(r, h, steps, axis, control, th, u_start, error, resolution, position, t
     held = np.full(64, u_start)
     y1, r1, rested, behind = th, r[0], 1.0, th
     for k in range(len(r)):
-        y = np.round((th + error[k]) / resolution) * resolution  # the encoder, which the control sees as well
+        wrong = misread * np.sin(cycles * th + at)
+        y = np.round((th + wrong + error[k]) / resolution) * resolution  # the encoder, which the control sees as well
         if k == 0:
             y1 = y
         behind = min(max(behind, th - 0.5 * play), th + 0.5 * play)
@@ -153,6 +178,9 @@ def record_both(
         axis.rest,
         axis.loss,
         axis.play * gear,
+        axis.misread,
+        axis.misread_order,
+        axis.misread_phase,
     )
     of_ti = 0.0 if np.isinf(control.integral_time) else 1.0 / control.integral_time
     law = (control.position_gain, control.velocity_gain, of_ti, control.feedforward)
@@ -161,6 +189,8 @@ def record_both(
     steps = max(1, round(control.sample / 2e-6))
     error = noise * gear * np.random.default_rng(seed).normal(size=len(command))
     start = command[0] * gear
+    for _ in range(50):  # it stands where its encoder gives the command
+        start = command[0] * gear - axis.misread * np.sin(axis.misread_order * start + axis.misread_phase)
     _run(command * gear, control.sample, steps, mechanics, law, start, 0.0, error, step * gear, position, torque, load)
     return position / gear, load / gear, torque
 

@@ -49,6 +49,8 @@ _VOLTAGES = ((1.0, 3.0), (1.3, 1.5), (2.0, 1.5))
 _PLAYS = (1.0, 5.0)
 #: Filters of the command from which fits start, ms.
 _FILTERS_MS = (("lag_ms", 3.0), ("lag_ms", 15.0), ("mean_ms", 5.0), ("mean_ms", 30.0))
+#: Orders of the cyclic error of an encoder: off centre, unequal windings, crosstalk; its amplitude, ° of the motor.
+_OF_ENCODERS, _READ_WRONG = (1.0, 2.0, 4.0), 0.02
 #: Most waves of cogging beside a torque ripple (assumed).
 _MOST_WAVES = 3
 #: Least motor speed that is taken for a motion, rad/s.
@@ -168,6 +170,7 @@ class Catalogue:
         has = {e.owner for e in model.entries}
         friction = model.machine.effect(f"{FRICTION}.{self.axis}")
         out = [*self._control(), *self._forces(), *self._waves(model, orders), *self._play()]
+        out += self._encoder(orders)
         if friction is None:
             out += self._friction()
         else:
@@ -298,6 +301,14 @@ class Catalogue:
             return self.fastest
         level = friction.values["coulomb_Nm"] if friction is not None else 0.0
         return self.fastest + (level + drive.viscous * self.fastest) / drive.velocity_gain
+
+    def _encoder(self, orders: Sequence[float]) -> list[Candidate]:
+        """A cyclic error of the motor's encoder, where the position loop is closed on it."""
+        if self.machine.drives[self.axis].encoder != "motor":
+            return []
+        every = dict.fromkeys([*_OF_ENCODERS, *orders])
+        made = [self._make("encoder_error", amplitude_deg=_READ_WRONG, order=o, phase_deg=0.0) for o in every]
+        return [Candidate(e, wave_entries(e, _READ_WRONG)) for e in made]
 
     def _waves(self, model: AxisModel, orders: Sequence[float]) -> list[Candidate]:
         """Torques over the motor's angle: the first is a torque ripple, further ones are waves of its cogging."""

@@ -35,7 +35,7 @@ from mjsim.threads import Workers
 
 #: Number of the plant -> kind of the effect that puts a wave there, whose phase is free in every set-up; so are those
 #: of the waves of ``cogging``.
-WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple"}
+WAVES = {"ripple": "torque_ripple", "friction_ripple": "friction_ripple", "encoder_error": "encoder_error"}
 #: A pass is the last where no logarithm of a mean square moved more.
 _SAME = 0.02
 #: Correlation at which the sum over a series' correlations ends.

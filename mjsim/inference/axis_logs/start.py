@@ -118,7 +118,7 @@ def nuisance_model(machine: Machine, data: Sequence[AxisData]) -> AxisModel:
 def waves_of(machine: Machine, axis: str) -> dict[str, float]:
     """Orders of the waves over an axis' motor angle that a machine's effects have, by the names of their phases."""
     out = {}
-    for kind in ("torque_ripple", "friction_ripple"):
+    for kind in ("torque_ripple", "friction_ripple", "encoder_error"):
         effect = machine.effect(f"{kind}.{axis}")
         if effect is not None:
             out[kind] = float(effect.values["order"])
