@@ -267,7 +267,7 @@ def test_a_limit_of_speed_or_voltage_is_found_without_a_current(tmp_path, contro
 def test_an_encoder_that_reads_wrong_is_no_torque_ripple(tmp_path, control, order, amplitude, letter):
     """Both are waves over the motor's angle. That of a torque does not grow with the speed."""
     axis = replace(FRICTION, misread=np.radians(amplitude), misread_order=order, misread_phase=-1.0)
-    (found,) = waved(tmp_path, axis, control, letter).effects
+    (found,) = one_axis(tmp_path, axis, control, letter).effects
     assert found.effect.id == f"encoder_error.{letter}" and found.probability > 0.99 and not found.others
     assert found.effect.values["order"] == pytest.approx(order, abs=0.02)
     low, high = found.ci95["amplitude_deg"]
@@ -276,16 +276,34 @@ def test_an_encoder_that_reads_wrong_is_no_torque_ripple(tmp_path, control, orde
 
 def test_a_torque_ripple_is_no_wrong_encoder(tmp_path):
     axis = replace(FRICTION, ripple=0.04, ripple_order=2.0, ripple_phase=0.4)
-    (found,) = waved(tmp_path, axis, LOOSE, "X").effects
+    (found,) = one_axis(tmp_path, axis, LOOSE, "X").effects
     assert found.effect.id == "torque_ripple.X" and found.probability > 0.99 and not found.others
 
 
-def waved(folder, axis, control, letter):
-    """The diagnosis of one axis with something that varies with the motor's angle."""
+def one_axis(folder, axis, control, letter):
+    """The diagnosis of one axis; its machine file lacks what its encoder reads wrong, and what its control holds."""
     command = to_and_fro(control.sample)
     text = csv(command, record(axis, control, command, 0.02e-6)[0], None, control.sample)
     write_campaign(folder, text, machine_toml(axis, control, False, 0.12), control.sample, letter)
     return diagnose_logs(read_campaign(folder), read_machine(folder / "machine.toml"))
+
+
+# --- position loop slower than the velocity loop ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("control", "every", "letter"),
+    [(LOOSE, 4, "X"), (Control(), 8, "Y"), (replace(LOOSE, sample=5e-4), 6, "Z")],
+)
+def test_a_held_set_point_is_no_delay(tmp_path, control, every, letter):
+    (found,) = one_axis(tmp_path, FRICTION, replace(control, every=every), letter).effects
+    assert found.effect.id == f"held_set_point.{letter}" and found.probability > 0.99 and not found.others
+    assert found.effect.values["time_ms"] == pytest.approx(1e3 * every * control.sample)
+
+
+def test_a_delay_in_the_loop_is_no_held_set_point(tmp_path):
+    (found,) = one_axis(tmp_path, FRICTION, replace(LOOSE, delay_samples=3), "X").effects
+    assert found.effect.id == "loop_delay.X" and found.probability > 0.99 and not found.others
 
 
 # --- filter of the command -------------------------------------------------------------------------------------------

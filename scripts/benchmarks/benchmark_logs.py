@@ -164,7 +164,7 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
     """Random machines, the causes in turn."""
     random = np.random.default_rng([seed, 7])
     kinds = ("backlash", "servo_delay", "command_filter", "current_clip", "torque_loss", "servo_gain")
-    kinds = (*kinds, "speed_limit", "voltage_limit", "encoder_error")
+    kinds = (*kinds, "speed_limit", "voltage_limit", "encoder_error", "held_set_point")
     out = []
     for i in range(count):
         kind = kinds[i % len(kinds)]
@@ -200,6 +200,9 @@ def drive_cases(count: int, seed: int) -> list[DriveCase]:
             planted = (kind, "amplitude_deg", 0.12 + 0.3 * size)
             order, phase = float(random.choice([1.0, 2.0, 4.0])), float(random.uniform(-3.0, 3.0))
             axis = replace(axis, misread=np.radians(planted[2]), misread_order=order, misread_phase=phase)
+        elif kind == "held_set_point":
+            control = replace(control, every=int(random.choice([2, 4, 8])))
+            planted = (kind, "time_ms", 1e3 * control.every * control.sample)
         elif kind == "torque_loss":
             planted = (kind, "share_ratio", 0.15 + 0.35 * size)
             axis = replace(axis, loss=planted[2])

@@ -49,6 +49,8 @@ _VOLTAGES = ((1.0, 3.0), (1.3, 1.5), (2.0, 1.5))
 _PLAYS = (1.0, 5.0)
 #: Filters of the command from which fits start, ms.
 _FILTERS_MS = (("lag_ms", 3.0), ("lag_ms", 15.0), ("mean_ms", 5.0), ("mean_ms", 30.0))
+#: Samples of a velocity loop for which its set-point may be held.
+_HELD = (2, 3, 4, 5, 6, 8, 10, 16)
 #: Orders of the cyclic error of an encoder: off centre, unequal windings, crosstalk; its amplitude, ° of the motor.
 _OF_ENCODERS, _READ_WRONG = (1.0, 2.0, 4.0), 0.02
 #: Most waves of cogging beside a torque ripple (assumed).
@@ -70,6 +72,7 @@ class Candidate:
         order: Of the wave that it adds to an effect of several waves.
         variant: What tells it from other causes of the same effect, each tried for itself.
         sheet: Entries of the data sheet that its own take the place of, as stated.
+        among: So many values are possible, of which it has one and nothing is free.
     """
 
     effect: Effect
@@ -78,6 +81,7 @@ class Candidate:
     order: float | None = None
     variant: str = ""
     sheet: tuple[Entry, ...] = ()
+    among: int = 1
 
     @property
     def key(self) -> str:
@@ -89,7 +93,7 @@ class Candidate:
     @property
     def log_odds(self) -> float:
         """Logarithm of its prior odds: a wave may have one of many orders."""
-        return CAUSE - (math.log(ORDERS) if self.wave else 0.0)
+        return CAUSE - math.log(ORDERS if self.wave else self.among)
 
     @property
     def cycles(self) -> float:
@@ -170,7 +174,8 @@ class Catalogue:
         has = {e.owner for e in model.entries}
         friction = model.machine.effect(f"{FRICTION}.{self.axis}")
         out = [*self._control(), *self._forces(), *self._waves(model, orders), *self._play()]
-        out += self._encoder(orders)
+        out += [*self._encoder(orders), *self._held()]
+        there = {e.id for e in model.machine.effects if e.kind == "held_set_point"}
         if friction is None:
             out += self._friction()
         else:
@@ -179,7 +184,7 @@ class Catalogue:
             out = [c for c in out if not (c.shape and shaped)]
             out += self._torque(model, friction)
         like = {f"{_LIKE[kind]}.{self.axis}" for kind in _LIKE if f"{kind}.{self.axis}" in has}
-        return [c for c in out if c.shape or c.order or c.effect.id not in has | like]
+        return [c for c in out if c.shape or c.order or c.effect.id not in has | like | there]
 
     def _make(self, kind: str, **values: Any) -> Effect:
         return registry.make(f"{kind}.{self.axis}", self.machine.chain, **values)
@@ -233,6 +238,17 @@ class Catalogue:
                         entry = replace(entry, deviation=known[1], centre=ratio)
                     out.append(Candidate(e, (entry,)))
         return out
+
+    def _held(self) -> list[Candidate]:
+        """A position loop that is slower than a velocity loop of stated sample time: by whole samples."""
+        controls = [d.control for d in self.drives]
+        if any(c.law is not None or c.sample_time == 0.0 or c.position_sample_time for c in controls):
+            return []
+        slowest = max(c.sample_time for c in controls)
+        most = 2.0 / max(d.position_gain for d in self.drives)  # slower, it swings
+        times = [n * slowest for n in _HELD if n * slowest < most]
+        made = [self._make("held_set_point", time_ms=1e3 * t) for t in times]
+        return [Candidate(e, (), among=len(times)) for e in made]
 
     def _position_gain(self) -> tuple[float, float] | None:
         """Position gain over the stated one where a recorded velocity set-point says it, and how well it is known."""
