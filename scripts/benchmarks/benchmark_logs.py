@@ -4,7 +4,8 @@ python scripts/benchmarks/benchmark_logs.py [--count 100] [--seed 1] [--drives [
 
 Half of the machines are sound, half have one cause. With --drives, every machine has one cause of real drives: play
 outside or inside the position loop, dead time, a filter of the command, a torque limit, a loss by the torque, a wrong
-position gain, a limit of speed or voltage. The torque, a current of unknown constant, or neither is recorded.
+position gain, a limit of speed or voltage, an encoder that reads wrong, a held set-point. The torque, a current of
+unknown constant, or neither is recorded.
 
 With --left-out, the planted cause is not in the catalogue, nor is one that contains its law: nothing may be identified.
 
