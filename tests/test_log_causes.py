@@ -257,6 +257,17 @@ def test_a_limit_of_speed_or_voltage_is_found_without_a_current(tmp_path, contro
         assert found.effect.values[names[name]] == pytest.approx(value, rel=5e-3) and high < 1.1 * low
 
 
+def test_a_late_command_says_nothing_of_the_samples_of_a_velocity(tmp_path):
+    """The law explains a torque that answers an earlier command in part, with any number of samples alike."""
+    axis = replace(FRICTION, inertia=4.8e-4, viscous=0.0065, coulomb=0.078, presliding=0.0021)
+    control, command = Control(43.0, 0.08), to_and_fro()
+    actual, torque = record(axis, control, np.concatenate([np.zeros(27), command[:-27]]), 0.05e-6)
+    write_campaign(tmp_path, csv(command, actual, torque), machine_toml(axis, control, False, 0.078))
+    campaign, machine = read_campaign(tmp_path), read_machine(tmp_path / "machine.toml")
+    for gains in read_gains(machine, axis_data(checked_logs(campaign, machine), "X", machine)):
+        assert gains.velocity_samples == 1
+
+
 # --- encoder of the motor --------------------------------------------------------------------------------------------
 
 
@@ -304,6 +315,17 @@ def test_a_held_set_point_is_no_delay(tmp_path, control, every, letter):
 def test_a_delay_in_the_loop_is_no_held_set_point(tmp_path):
     (found,) = one_axis(tmp_path, FRICTION, replace(LOOSE, delay_samples=3), "X").effects
     assert found.effect.id == "loop_delay.X" and found.probability > 0.99 and not found.others
+
+
+def test_a_motor_at_full_voltage_runs_as_fast_as_its_load_lets_it(tmp_path):
+    """At 84 rad/s of the 120 that it has without load, while 160 are commanded: millimetres behind."""
+    axis = Axis(inertia=4.81e-4, viscous=0.00947, coulomb=0.102, presliding=0.0067)
+    control = Control(44.87, 0.0683, 0.049, 1.0)
+    actual, torque = record(axis, replace(control, no_load=120.6, stall=2.988), to_and_fro(), 0.05e-6)
+    write_campaign(tmp_path, csv(to_and_fro(), actual, torque), machine_toml(axis, control, False, 0.102))
+    result = diagnose_logs(read_campaign(tmp_path), read_machine(tmp_path / "machine.toml"))
+    assert [e.effect.id for e in result.effects] == ["voltage_limit.X"] and result.after.rms < 0.3e-6
+    assert result.effects[0].effect.values["no_load_rad_per_s"] == pytest.approx(120.6, rel=5e-3)
 
 
 # --- filter of the command -------------------------------------------------------------------------------------------

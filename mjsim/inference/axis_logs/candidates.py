@@ -45,6 +45,8 @@ _SPEEDS = (0.95, 1.0, 1.05)
 #: Voltages from which fits start: speed without load in the largest recorded speed, torque at rest in the largest
 #: torque that the motion needs.
 _VOLTAGES = ((1.0, 3.0), (1.3, 1.5), (2.0, 1.5))
+#: Speeds without load from which fits start where the axis runs at full voltage, in the largest recorded speed.
+_AT_FULL_VOLTAGE = (1.1, 1.4, 2.0)
 #: Widths of a play from which fits start, in usual ones.
 _PLAYS = (1.0, 5.0)
 #: Filters of the command from which fits start, ms.
@@ -295,6 +297,9 @@ class Catalogue:
                 e = self._make("speed_limit", speed_rad_per_s=speed)
                 out.append(Candidate(e, (self._log(e, "speed_rad_per_s"),)))
         voltages = [(speed * self.fastest, torque * self.most) for speed, torque in _VOLTAGES]
+        # at full voltage an axis runs as fast as its load lets it
+        load = self._friction_level() + self.drives[0].viscous * self.fastest
+        voltages += [(ratio * self.fastest, load / (1.0 - 1.0 / ratio)) for ratio in _AT_FULL_VOLTAGE]
         # a motor at full voltage that is as stiff as the velocity loop: what looks most like a limit of the speed
         voltages.append((self._asked(), self.drives[0].velocity_gain * self._asked()))
         for speed, torque in voltages:
@@ -312,11 +317,15 @@ class Catalogue:
         """Set-point of the largest recorded speed by the data sheet, rad/s: without an integrator, it is ahead of the
         speed by what the friction takes.
         """
-        drive, friction = self.drives[0], self.machine.effect(f"{FRICTION}.{self.axis}")
+        drive = self.drives[0]
         if np.isfinite(drive.integral_time) or drive.control.law is not None:
             return self.fastest
-        level = friction.values["coulomb_Nm"] if friction is not None else 0.0
-        return self.fastest + (level + drive.viscous * self.fastest) / drive.velocity_gain
+        return self.fastest + (self._friction_level() + drive.viscous * self.fastest) / drive.velocity_gain
+
+    def _friction_level(self) -> float:
+        """Coulomb friction of the data sheet, N·m."""
+        friction = self.machine.effect(f"{FRICTION}.{self.axis}")
+        return friction.values["coulomb_Nm"] if friction is not None else 0.0
 
     def _encoder(self, orders: Sequence[float]) -> list[Candidate]:
         """A cyclic error of the motor's encoder, where the position loop is closed on it."""

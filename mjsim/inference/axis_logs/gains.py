@@ -111,12 +111,18 @@ def read_gains(machine: Machine, data: Sequence[AxisData]) -> list[GainsRead]:
         best = None
         for delay in _DELAYS if mine else ():
             read = [g for n in _samples(drive) if (g := _read(machine, controller, mine, n, delay)) is not None]
-            best = max(read if best is None else [best, *read], key=lambda g: g.explained, default=None)
+            best = min(read if best is None else [best, *read], key=lambda g: _unexplained(g, drive), default=None)
             if best is not None and best.explained > _EXACT:
                 break
         if best is not None and best.explained > _EXPLAINED and (known or _agrees(machine, drive, best)):
             out.append(best)
     return out
+
+
+def _unexplained(g: GainsRead, drive: Drive) -> float:
+    """Share of the output that gains leave. A stated number of samples is believed where another one does no better."""
+    left = 1.0 - g.explained
+    return left / _AS_WELL if g.velocity_samples == drive.control.velocity_samples else left
 
 
 def _agrees(machine: Machine, drive: Drive, g: GainsRead) -> bool:
