@@ -148,6 +148,10 @@ def test_noise_from_repeats_rest_and_declared():
     rest = np.where(time < 2.0, command, 0.0)
     found = noise_of(time, AxisRecord(rest, rest + 0.2 * noise), 1e-7)
     assert "rest" in found.source and found.rms == pytest.approx(0.4e-7, rel=0.1)
+    settling = rest + np.where(time < 2.0, 0.0, 1e-5 * np.exp(-(time - 2.0)))
+    for scale in (0.2, 1.0, 10.0):  # noise of more steps than an axis at rest may show, and one that still settles
+        found = noise_of(time, AxisRecord(rest, settling + scale * noise), 1e-7)
+        assert found.rms == pytest.approx(scale * 2e-7, rel=0.2)
     chirp = 0.01 * np.sin(2 * np.pi * time**2)
     assert "declared" in noise_of(time, AxisRecord(chirp, chirp + noise), 1e-7).source
 

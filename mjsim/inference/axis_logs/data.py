@@ -175,12 +175,16 @@ def output_row(d: AxisData) -> AxisData | None:
         return None
     name, values = d.record.output
     step = max(step_of(values), _TEN_BITS * float(np.abs(values).max()))
-    third = np.abs(np.diff(values, 3))
+    noise = LogNoise(max(_roughness([values]), step / float(np.sqrt(12.0))), "from its third differences")
+    return replace(d, channel=name, noise=noise, resolution=step)
+
+
+def _roughness(parts: Sequence[np.ndarray]) -> float:
+    """Standard deviation of the white noise in some series, from their third differences."""
+    third = np.abs(np.concatenate([np.diff(values, 3) for values in parts]))
     rough = float(np.median(third[third > 0.0])) if third.any() else 0.0
     # of white noise: the median of the size of a normal value, and the norm of the weights 1, 3, 3, 1
-    spread = rough / (0.6745 * np.sqrt(20.0))
-    noise = LogNoise(max(spread, step / float(np.sqrt(12.0))), "from its third differences")
-    return replace(d, channel=name, noise=noise, resolution=step)
+    return rough / (0.6745 * float(np.sqrt(20.0)))
 
 
 def _with_torque(record: AxisRecord, constant: float) -> AxisRecord:
@@ -208,7 +212,9 @@ def _start(time: np.ndarray, record: AxisRecord, resolution: float, noise: float
 
 
 def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise:
-    """Noise of one axis: from repeats where the motion repeats, else from rest, else as declared."""
+    """Noise of one axis: from repeats where the motion repeats, else from rest, else from what changes fast while the
+    command stands, else as declared.
+    """
     floor = resolution / np.sqrt(12.0)
     period = period_of(record.command, resolution)
     if period:
@@ -216,11 +222,15 @@ def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNois
         folded = record.actual[: n * period].reshape(n, period)
         spread = float(np.sqrt(np.mean(folded.var(axis=0, ddof=1))))
         return LogNoise(max(spread, floor), f"from {n} repeats of the motion")
-    rest = _resting(time, record, resolution)
+    standing = _standing(time, record)
+    rest = [(a, b) for a, b in standing if np.ptp(record.actual[a:b]) <= _REST_STEPS * resolution]
     if rest:
         parts = [record.actual[a:b] - record.actual[a:b].mean() for a, b in rest]
         spread = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
         return LogNoise(max(spread, floor), f"from {len(rest)} stretch{'es' if len(rest) > 1 else ''} at rest")
+    if standing:  # it settles, or its noise is many steps of the encoder
+        spread = _roughness([record.actual[a:b] for a, b in standing])
+        return LogNoise(max(spread, floor), "from what changes fast while the command stands")
     return LogNoise(floor, "as declared: a share of the encoder step")
 
 
@@ -244,17 +254,13 @@ def period_of(command: np.ndarray, resolution: float) -> int:
     return 0
 
 
-def _resting(time: np.ndarray, record: AxisRecord, resolution: float) -> list[tuple[int, int]]:
-    """Stretches (first, behind the last sample) in which command and axis stand still."""
+def _standing(time: np.ndarray, record: AxisRecord) -> list[tuple[int, int]]:
+    """Stretches (first, behind the last sample) in which the command stands still."""
     least = max(3, int(_REST / np.median(np.diff(time))))
     still = np.concatenate([[0], (np.diff(record.command) == 0.0).astype(int), [0]])
     edges = np.flatnonzero(np.diff(still))
-    out = []
-    for a, b in zip(edges[::2], edges[1::2], strict=True):
-        a = a + (b - a) // 2  # the first half belongs to settling
-        if b - a >= least and np.ptp(record.actual[a:b]) <= _REST_STEPS * resolution:
-            out.append((int(a), int(b)))
-    return out
+    halves = ((a + (b - a) // 2, b) for a, b in zip(edges[::2], edges[1::2], strict=True))  # the first half settles
+    return [(int(a), int(b)) for a, b in halves if b - a >= least]
 
 
 def check_controllers(logs: Campaign, machine: Machine) -> None:
