@@ -264,18 +264,33 @@ class LinearModel:
     def __init__(self, products: Products, residual: np.ndarray, precision: np.ndarray, departure: np.ndarray) -> None:
         self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
         self.precision, self.departure = precision, departure
-        tests = list(self.discrepancy.tests)
-        score = [np.concatenate([b[at].T @ residual[at] for b in products.blocks]) for _, at in tests]
         # set-up and trigger of one test are in no other: only the columns that reach a test are worked with there
-        self._live = [np.flatnonzero(np.diag(gram)) for gram in products.gram]
-        self._gram = [gram[np.ix_(live, live)] for gram, live in zip(products.gram, self._live, strict=True)]
-        self._score = [row[live] for row, live in zip(score, self._live, strict=True)]
-        self._along = [
-            np.column_stack([along[:, live], basis.T @ residual[at]])
-            for along, live, (basis, at) in zip(products.along, self._live, tests, strict=True)
-        ]
-        self._lost = [along.T @ along for along in self._along]
-        self._square = [float(residual[at] @ residual[at]) for _, at in tests]
+        self._live, self._along, self._across = [], [], []
+        for k, (basis, at) in enumerate(self.discrepancy.tests):
+            live = np.flatnonzero(np.diag(products.gram[k]))
+            score = np.concatenate([b[at].T @ residual[at] for b in products.blocks])[live]
+            along = np.column_stack([products.along[k][:, live], basis.T @ residual[at]])
+            whole = np.block(
+                [
+                    [products.gram[k][np.ix_(live, live)], score[:, None]],
+                    [score, np.atleast_1d(residual[at] @ residual[at])],
+                ]
+            )
+            self._live.append(np.append(live, products.width))  # the residual is the last column
+            self._along.append(along)
+            self._across.append(whole - along.T @ along)
+        self._summed: tuple[bytes, np.ndarray] = b"", np.zeros(0)
+
+    def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
+        """Products of columns and residual across the basis of the discrepancy, where there is only noise, (p + 1,
+        p + 1); kept for the next sizes with the same factors.
+        """
+        if self._summed[0] != factor.tobytes():
+            total = np.zeros((self.products.width + 1,) * 2)
+            for live, across, f in zip(self._live, self._across, factor, strict=True):
+                total[np.ix_(live, live)] += across / f**2
+            self._summed = factor.tobytes(), total
+        return self._summed[1]
 
     def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Products with the inverse covariance between the rows.
@@ -284,23 +299,22 @@ class LinearModel:
             Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
             logarithm of the covariance's determinant over that of the campaign's noise.
         """
-        width = self.products.width
-        gram, score, square, log_det = np.zeros((width, width)), np.zeros(width), 0.0, 0.0
+        nothing, log_det = self.discrepancy.is_nothing(sizes), 0.0
+        rows = np.zeros((sum(map(len, self._along)), self.products.width + 1))
+        first = 0
         for k, factor in enumerate(sizes.factor):
-            own, pull, left = self._gram[k], self._score[k], self._square[k]
             log_det += 2.0 * len(self.discrepancy.basis[k]) * math.log(factor)
-            if not self.discrepancy.is_nothing(sizes):
+            along = self._along[k]
+            if not nothing:
                 covariance = self.discrepancy.covariance(k, sizes.slow, sizes.fast, factor)
                 lower = np.linalg.cholesky(covariance + np.eye(len(covariance)))
                 log_det += 2.0 * float(np.log(np.diag(lower)).sum())
                 # of what lies along the basis, (I + C)^-1 is left
-                seen = solve_triangular(lower, self._along[k], lower=True, check_finite=False)
-                lost = self._lost[k] - seen.T @ seen
-                own, pull, left = own - lost[:-1, :-1], pull - lost[:-1, -1], left - lost[-1, -1]
-            gram[np.ix_(self._live[k], self._live[k])] += own / factor**2
-            score[self._live[k]] += pull / factor**2
-            square += left / factor**2
-        return gram, score, float(square), log_det
+                along = solve_triangular(lower, along, lower=True, check_finite=False)
+            rows[first : first + len(along), self._live[k]] = along / factor
+            first += len(along)
+        total = self._noise_alone(sizes.factor) + rows.T @ rows
+        return total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), log_det
 
     def _solved(self, sizes: Sizes) -> tuple[float, np.ndarray]:
         """Log evidence without the prior of the sizes, and the step of the parameters, (p,)."""
@@ -313,8 +327,8 @@ class LinearModel:
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
         sizes = start
-        for _ in range(3):
-            sizes = self._best_sizes(sizes)
+        for side in (0.7, 0.2, 0.2):  # with other noise factors the sizes move little
+            sizes = self._best_sizes(sizes, side)
             factor = self._noise_factors(sizes)
             settled = np.abs(np.log(factor / sizes.factor)).max() < 0.02
             sizes = replace(sizes, factor=factor)
@@ -322,16 +336,18 @@ class LinearModel:
                 break
         return sizes, self.log_evidence(sizes)
 
-    def _best_sizes(self, start: Sizes) -> Sizes:
-        """The sizes of the discrepancy of largest evidence at the noise factors of ``start``."""
+    def _best_sizes(self, start: Sizes, side: float) -> Sizes:
+        """The sizes of the discrepancy of largest evidence at the noise factors of ``start``, looked for at first in
+        steps of ``side`` of their logarithms.
+        """
 
         def at(x: np.ndarray) -> Sizes:
             slow, fast = np.clip(np.exp(x), _SMALLEST, _LARGEST)
             return replace(start, slow=float(slow), fast=float(fast))
 
         begin = np.log(np.maximum([start.slow, start.fast], 0.03e-6))
-        simplex = begin + np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.7]])
-        options = {"xatol": 0.05, "fatol": 0.2, "maxfev": 60, "initial_simplex": simplex}
+        simplex = begin + side * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 60, "initial_simplex": simplex}
         best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
         choices = [best, replace(best, slow=0.0), replace(best, fast=0.0), replace(best, slow=0.0, fast=0.0)]
         return max(choices, key=self.log_evidence)
@@ -343,7 +359,7 @@ class LinearModel:
         for block in self.products.blocks:
             rest -= block @ step[first : first + block.shape[1]]
             first += block.shape[1]
-        out = np.ones(len(self._score))
+        out = np.ones(len(self._live))
         for k, (basis, at) in enumerate(self.discrepancy.tests):
             across = rest[at] @ rest[at] - np.square(basis.T @ rest[at]).sum()
             out[k] = math.sqrt((_KNOWN_NOISE + across) / (_KNOWN_NOISE + len(rest[at]) - basis.shape[1]))

@@ -12,12 +12,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import get_lapack_funcs, solve_triangular
 
 #: Gain in log evidence below which a change is not worth making, nats.
 WORTH = 0.5
 #: Hypotheses whose linear estimates are held against their bounds: those of largest odds.
 _CHECKED = 40
+#: Coefficients beyond which a hypothesis, as a curve, is worked with by itself.
+_MANY = 30
+#: Sets of curves that are kept.
+_KEPT = 20
+#: Of LAPACK: a symmetric matrix becomes tridiagonal, vectors are turned alike, and a tridiagonal matrix is solved.
+_SYTRD, _ORMQR, _PTTRF, _PTTRS = get_lapack_funcs(("sytrd", "ormqr", "pttrf", "pttrs"), dtype=np.float64)
 #: A hypothesis set: places in the list of hypotheses, and the width of each one's prior.
 Chosen = dict[int, float]
 
@@ -64,6 +70,7 @@ class LinearEvidence:
         ]
         self._own = [information[at[:, :, None], at[:, None, :]] for _, at, _ in self._batches]
         self._known: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
+        self._curves: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
 
     def _columns(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """Places and prior precisions of the coefficients of a set."""
@@ -86,12 +93,8 @@ class LinearEvidence:
 
     def _odds(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """As :meth:`odds`."""
-        places, precision = self._columns(chosen)
-        score, seen = self.score, None
-        if len(places):
-            lower = np.linalg.cholesky(self.information[np.ix_(places, places)] + np.diag(precision))
-            seen = solve_triangular(lower, self.information[places], lower=True, check_finite=False)
-            score = score - seen.T @ solve_triangular(lower, self.score[places], lower=True, check_finite=False)
+        seen, taken_up = self._seen(chosen)
+        score = self.score - seen.T @ taken_up
         odds, best = np.full(len(self.hypotheses), -np.inf), np.ones(len(self.hypotheses))
         taken = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
         free = np.array([g not in chosen and h.name not in taken for g, h in enumerate(self.hypotheses)], bool)
@@ -100,26 +103,47 @@ class LinearEvidence:
             if not asked.any():
                 continue
             ix, at, widths, information = ix[asked], at[asked], widths[asked], own[asked]
-            if seen is not None:
+            if len(seen):
                 part = seen[:, at].transpose(1, 0, 2)  # (hypotheses, chosen columns, own columns)
                 information = information - np.matmul(part.transpose(0, 2, 1), part)
-            values, vectors = np.linalg.eigh(information)
-            values = np.maximum(values, 1e-12)
-            square = np.einsum("gij,gi->gj", vectors, score[at]) ** 2
-            prior = widths[:, :, None] ** -2.0
-            gain = square[:, None, :] / (values[:, None, :] + prior) - np.log1p(values[:, None, :] / prior)
-            evidence = 0.5 * gain.sum(axis=2)
+            evidence = _evidence(information, score[at], widths)
             odds[ix] = np.logaddexp.reduce(evidence, axis=1) - math.log(widths.shape[1]) + self._log_odds[ix]
             best[ix] = widths[np.arange(len(ix)), evidence.argmax(axis=1)]
         for g in np.argsort(-odds)[:_CHECKED]:
             h = self.hypotheses[g]
             if np.isfinite(odds[g]) and h.is_possible is not None:
                 at = h.places
-                information = self.information[np.ix_(at, at)] - (0.0 if seen is None else seen[:, at].T @ seen[:, at])
+                information = self.information[np.ix_(at, at)] - seen[:, at].T @ seen[:, at]
                 x = np.linalg.solve(information + np.eye(len(at)) * best[g] ** -2.0, score[at])
                 if not h.is_possible(x):
                     odds[g] = -np.inf
         return odds, best
+
+    def _seen(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
+        """What a set takes up: ``seen`` (p, m), whose products are the information of all columns that it takes, and
+        the same of the score, (p,). Curves come first and are kept: sets differ in the small ones.
+        """
+        curves = {g: w for g, w in chosen.items() if len(self.hypotheses[g].places) > _MANY}
+        key = frozenset(curves.items())
+        if key not in self._curves:
+            if len(self._curves) >= _KEPT:
+                self._curves.clear()
+            nothing = np.zeros((0, len(self.score))), np.zeros(0)
+            self._curves[key] = self._taken_up(curves, *nothing)
+        small = {g: w for g, w in chosen.items() if g not in curves}
+        return self._taken_up(small, *self._curves[key])
+
+    def _taken_up(self, more: Chosen, seen: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of a set of which all but ``more`` is known."""
+        if not more:
+            return seen, pull
+        places, precision = self._columns(more)
+        before = seen[:, places].T
+        rows = self.information[places] - before @ seen
+        lower = np.linalg.cholesky(rows[:, places] + np.diag(precision))
+        own = solve_triangular(lower, rows, lower=True, check_finite=False)
+        score = solve_triangular(lower, self.score[places] - before @ pull, lower=True, check_finite=False)
+        return np.vstack([seen, own]), np.concatenate([pull, score])
 
     def total(self, chosen: Chosen) -> float:
         """Log evidence of a set over that of none, with the prior odds."""
@@ -216,6 +240,37 @@ class LinearEvidence:
             if is_other and name not in out:
                 out[name] = float(odds[g]), int(g), float(width[g])
         return list(out.values())
+
+
+def _evidence(information: np.ndarray, score: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Log evidence of hypotheses of k coefficients over that of their absence, by the widths of their priors, (n, w).
+
+    Args:
+        information: Of the coefficients, (n, k, k).
+        score: (n, k).
+        widths: (n, w).
+    """
+    if score.shape[1] > _MANY:
+        return np.array([_of_curve(*one) for one in zip(information, score, widths, strict=True)])
+    values, vectors = np.linalg.eigh(information)
+    values = np.maximum(values, 1e-12)
+    square = np.einsum("gij,gi->gj", vectors, score) ** 2
+    prior = widths[:, :, None] ** -2.0
+    gain = square[:, None, :] / (values[:, None, :] + prior) - np.log1p(values[:, None, :] / prior)
+    return 0.5 * gain.sum(axis=2)
+
+
+def _of_curve(information: np.ndarray, score: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """The same of one hypothesis, (w,): a tridiagonal matrix has the same evidence and is soon solved for any width."""
+    packed, diagonal, beside, tau, _ = _SYTRD(information, lower=1)
+    turned = score.copy()
+    turned[1:] = _ORMQR("L", "T", packed[1:, :-1], tau, turned[1:, None], 64)[0][:, 0]
+    out = []
+    for prior in widths**-2.0:
+        pivots, factors, _ = _PTTRF(np.maximum(diagonal, 0.0) + prior, beside)
+        step, _ = _PTTRS(pivots, factors, turned)
+        out.append(0.5 * (turned @ step - np.log(pivots / prior).sum()))
+    return np.array(out)
 
 
 def without(chosen: Chosen, g: int) -> Chosen:
