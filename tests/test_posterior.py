@@ -157,6 +157,21 @@ def test_the_evidence_of_a_set_is_that_of_its_covariance(few):
     assert odds[7] == pytest.approx(np.logaddexp.reduce(each))
 
 
+def test_the_evidence_of_a_curve_is_that_of_its_covariance():
+    """Of many coefficients, beside nothing, beside small hypotheses, and beside another curve with them."""
+    rng = np.random.default_rng(6)
+    x = rng.standard_normal((300, 104)) @ np.diag(np.geomspace(1.0, 1e-4, 104))
+    y = x[:, :50] @ rng.standard_normal(50) + rng.standard_normal(300)
+    widths = np.array([0.3, 3.0, 30.0])
+    places = [np.arange(60), np.arange(60, 100), *np.arange(100, 104)[:, None]]
+    linear = LinearEvidence(x.T @ x, x.T @ y, [Columns(f"h{i}", at, -3.0, widths) for i, at in enumerate(places)])
+    for chosen in ({}, {3: 1.0}, {2: 0.3, 1: 3.0}, {1: 30.0, 4: 3.0, 5: 1.0}, {2: 1.0, 1: 30.0, 4: 3.0}):
+        odds, _ = linear.odds(chosen)
+        for g in set(range(6)) - set(chosen):
+            each = [linear.total({**chosen, g: w}) - linear.total(chosen) for w in widths]
+            assert odds[g] == pytest.approx(np.logaddexp.reduce(each), rel=1e-6, abs=1e-6)
+
+
 def test_the_planted_set_is_found_from_any_start(few):
     linear = few[2]
     assert set(linear.best_set()) == {2, 7}

@@ -252,6 +252,11 @@ def _evidence(information: np.ndarray, score: np.ndarray, widths: np.ndarray) ->
     """
     if score.shape[1] > _MANY:
         return np.array([_of_curve(*one) for one in zip(information, score, widths, strict=True)])
+    return _by_eigenvalues(information, score, widths)
+
+
+def _by_eigenvalues(information: np.ndarray, score: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """The same for any number of coefficients."""
     values, vectors = np.linalg.eigh(information)
     values = np.maximum(values, 1e-12)
     square = np.einsum("gij,gi->gj", vectors, score) ** 2
@@ -267,7 +272,9 @@ def _of_curve(information: np.ndarray, score: np.ndarray, widths: np.ndarray) ->
     turned[1:] = _ORMQR("L", "T", packed[1:, :-1], tau, turned[1:, None], 64)[0][:, 0]
     out = []
     for prior in widths**-2.0:
-        pivots, factors, _ = _PTTRF(np.maximum(diagonal, 0.0) + prior, beside)
+        pivots, factors, failed = _PTTRF(np.maximum(diagonal, 0.0) + prior, beside)
+        if failed:  # by rounding the information is negative somewhere
+            return _by_eigenvalues(information[None], score[None], widths[None])[0]
         step, _ = _PTTRS(pivots, factors, turned)
         out.append(0.5 * (turned @ step - np.log(pivots / prior).sum()))
     return np.array(out)
