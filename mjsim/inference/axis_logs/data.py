@@ -212,9 +212,19 @@ def _start(time: np.ndarray, record: AxisRecord, resolution: float, noise: float
 
 
 def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise:
-    """Noise of one axis: from repeats where the motion repeats, else from rest, else from what changes fast while the
-    command stands, else as declared.
-    """
+    """Noise of one axis: from repeats or rest, else from what changes fast while the command stands, else as declared."""
+    found = noise_at_rest(time, record, resolution)
+    if found is not None:
+        return found
+    floor, standing = resolution / np.sqrt(12.0), _standing(time, record)
+    if standing:  # it settles, or its noise is many steps of the encoder
+        spread = _roughness([record.actual[a:b] for a, b in standing])
+        return LogNoise(max(spread, floor), "from what changes fast while the command stands")
+    return LogNoise(floor, "as declared: a share of the encoder step")
+
+
+def noise_at_rest(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise | None:
+    """Noise of one axis from repeats where the motion repeats, else from rest; nothing where neither is there."""
     floor = resolution / np.sqrt(12.0)
     period = period_of(record.command, resolution)
     if period:
@@ -222,16 +232,12 @@ def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNois
         folded = record.actual[: n * period].reshape(n, period)
         spread = float(np.sqrt(np.mean(folded.var(axis=0, ddof=1))))
         return LogNoise(max(spread, floor), f"from {n} repeats of the motion")
-    standing = _standing(time, record)
-    rest = [(a, b) for a, b in standing if np.ptp(record.actual[a:b]) <= _REST_STEPS * resolution]
-    if rest:
-        parts = [record.actual[a:b] - record.actual[a:b].mean() for a, b in rest]
-        spread = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-        return LogNoise(max(spread, floor), f"from {len(rest)} stretch{'es' if len(rest) > 1 else ''} at rest")
-    if standing:  # it settles, or its noise is many steps of the encoder
-        spread = _roughness([record.actual[a:b] for a, b in standing])
-        return LogNoise(max(spread, floor), "from what changes fast while the command stands")
-    return LogNoise(floor, "as declared: a share of the encoder step")
+    still = (record.actual[a:b] for a, b in _standing(time, record))
+    rest = [values - values.mean() for values in still if np.ptp(values) <= _REST_STEPS * resolution]
+    if not rest:
+        return None
+    spread = float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
+    return LogNoise(max(spread, floor), f"from {len(rest)} stretch{'es' if len(rest) > 1 else ''} at rest")
 
 
 def period_of(command: np.ndarray, resolution: float) -> int:

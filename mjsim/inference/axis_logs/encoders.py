@@ -40,7 +40,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from mjsim.effects import registry
 from mjsim.inference.axis_logs.candidates import Candidate, wave_entries
-from mjsim.inference.axis_logs.data import AxisData, LogNoise, noise_of
+from mjsim.inference.axis_logs.data import AxisData, LogNoise, noise_at_rest, noise_of
 from mjsim.inference.axis_logs.derivatives import AxisRuns
 from mjsim.inference.axis_logs.discrepancy import pitch_limit
 from mjsim.inference.axis_logs.entries import DRAG, GLIDE, LAG, LOAD, OFFSET, PHASE, SHIFT, START_PLAY, AxisModel, Entry
@@ -450,7 +450,7 @@ def _swung(bend, way, turn, ratio):
 
 def _motor(d: AxisData) -> RecordedMotion:
     """The recorded motion of the motor."""
-    recorded, noise = d.record.actual, noise_of(d.time, d.record, d.resolution).rms
+    recorded, noise = d.record.actual, _least_noise(d)
     return _motion(recorded, _smoothed(recorded, noise, 2 * _reach(_SMOOTH, d.step) + 1), d.step, noise, _SMOOTH)
 
 
@@ -516,13 +516,19 @@ def _smoothed(recorded: np.ndarray, noise: float, widest: int) -> np.ndarray:
     return out
 
 
+def _least_noise(d: AxisData) -> float:
+    """RMS of the noise of the motor's encoder that is seen at rest: what is smoothed by more loses its turns."""
+    found = noise_at_rest(d.time, d.record, d.resolution)
+    return found.rms if found is not None else d.resolution / math.sqrt(12.0)
+
+
 def _bend(d: AxisData) -> np.ndarray:
     """Accelerations of the motor, (n,), with as little noise as goes, and whole where it swings.
 
     They are those of a cubic spline, through the widest quartics that leave no more than the noise anywhere around. A
     swing of the motor that is lost here is missed in that of the load, times the resonance.
     """
-    recorded, noise, width = d.record.actual, noise_of(d.time, d.record, d.resolution).rms, 7
+    recorded, noise, width = d.record.actual, _least_noise(d), 7
     out = recorded
     while width <= 2.0 * _SMOOTH / d.step:
         smooth, free = np.asarray(savgol_filter(recorded, width, 4)), 1.0 - 5.0 / width
