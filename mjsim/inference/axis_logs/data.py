@@ -212,7 +212,7 @@ def _start(time: np.ndarray, record: AxisRecord, resolution: float, noise: float
 
 
 def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise:
-    """Noise of one axis: from repeats or rest, else from what changes fast while the command stands, else as declared."""
+    """Noise of one axis: from repeats or rest, else from what changes fast while the command stands, else declared."""
     found = noise_at_rest(time, record, resolution)
     if found is not None:
         return found
