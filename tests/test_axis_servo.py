@@ -292,20 +292,11 @@ def test_the_loop_is_true_to_nanometres(changes, delay):
     control = logs.Control(delay_samples=delay)
     command = logs.to_and_fro()
     truth, _ = logs.record(axis, control, command, noise=0.0, step=1e-13)
-    plant = AxisPlant(
-        2.0 * np.pi / axis.lead,
-        control.position_gain,
-        control.velocity_gain,
-        np.inf,
-        axis.inertia,
-        axis.viscous,
-        0.0,
-        coulomb=axis.coulomb,
-        presliding=axis.presliding,
+    plant = replace(
+        as_stated(axis, control, loop_delay=1e-3 * delay),
         viscous_share=axis.viscous_share,
         ripple=(axis.ripple, axis.ripple_order, axis.ripple_phase),
         resting=(axis.excess, axis.way, axis.rest),
-        control=Control(sample_time=1e-3, loop_delay=1e-3 * delay),
     )
     motion = follow(plant, 1e-3 * np.arange(len(command)), command, ServoStart(0.0))
     assert np.sqrt(np.mean((motion.position - truth) ** 2)) < 6e-9

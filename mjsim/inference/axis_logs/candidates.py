@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mjsim.effects import registry
-from mjsim.inference.axis_logs.data import AxisData
+from mjsim.inference.axis_logs.data import AxisData, coulomb_friction
 from mjsim.inference.axis_logs.entries import SHIFT, AxisModel, Entry
 from mjsim.inference.axis_logs.gains import GainsRead, speed_limit, torque_limit
 from mjsim.inference.axis_logs.start import nuisance_entries, typical_torque
@@ -176,8 +176,7 @@ class Catalogue:
         has = {e.owner for e in model.entries}
         friction = model.machine.effect(f"{FRICTION}.{self.axis}")
         out = [*self._control(), *self._forces(), *self._waves(model, orders), *self._play()]
-        out += [*self._encoder(orders), *self._held()]
-        there = {e.id for e in model.machine.effects if e.kind == "held_set_point"}
+        out += [*self._encoder(orders), *self._held(model)]
         if friction is None:
             out += self._friction()
         else:
@@ -186,7 +185,7 @@ class Catalogue:
             out = [c for c in out if not (c.shape and shaped)]
             out += self._torque(model, friction)
         like = {f"{_LIKE[kind]}.{self.axis}" for kind in _LIKE if f"{kind}.{self.axis}" in has}
-        return [c for c in out if c.shape or c.order or c.effect.id not in has | like | there]
+        return [c for c in out if c.shape or c.order or c.effect.id not in has | like]
 
     def _make(self, kind: str, **values: Any) -> Effect:
         return registry.make(f"{kind}.{self.axis}", self.machine.chain, **values)
@@ -241,8 +240,10 @@ class Catalogue:
                     out.append(Candidate(e, (entry,)))
         return out
 
-    def _held(self) -> list[Candidate]:
+    def _held(self, model: AxisModel) -> list[Candidate]:
         """A position loop that is slower than a velocity loop of stated sample time: by whole samples."""
+        if model.machine.effect(f"held_set_point.{self.axis}") is not None:
+            return []
         controls = [d.control for d in self.drives]
         if any(c.law is not None or c.sample_time == 0.0 or c.position_sample_time for c in controls):
             return []
@@ -298,8 +299,7 @@ class Catalogue:
                 out.append(Candidate(e, (self._log(e, "speed_rad_per_s"),)))
         voltages = [(speed * self.fastest, torque * self.most) for speed, torque in _VOLTAGES]
         # at full voltage an axis runs as fast as its load lets it
-        load = self._friction_level() + self.drives[0].viscous * self.fastest
-        voltages += [(ratio * self.fastest, load / (1.0 - 1.0 / ratio)) for ratio in _AT_FULL_VOLTAGE]
+        voltages += [(ratio * self.fastest, self._load() / (1.0 - 1.0 / ratio)) for ratio in _AT_FULL_VOLTAGE]
         # a motor at full voltage that is as stiff as the velocity loop: what looks most like a limit of the speed
         voltages.append((self._asked(), self.drives[0].velocity_gain * self._asked()))
         for speed, torque in voltages:
@@ -320,12 +320,11 @@ class Catalogue:
         drive = self.drives[0]
         if np.isfinite(drive.integral_time) or drive.control.law is not None:
             return self.fastest
-        return self.fastest + (self._friction_level() + drive.viscous * self.fastest) / drive.velocity_gain
+        return self.fastest + self._load() / drive.velocity_gain
 
-    def _friction_level(self) -> float:
-        """Coulomb friction of the data sheet, N·m."""
-        friction = self.machine.effect(f"{FRICTION}.{self.axis}")
-        return friction.values["coulomb_Nm"] if friction is not None else 0.0
+    def _load(self) -> float:
+        """Torque that friction takes at the largest recorded speed by the data sheet, N·m."""
+        return coulomb_friction(self.machine, self.axis) + self.drives[0].viscous * self.fastest
 
     def _encoder(self, orders: Sequence[float]) -> list[Candidate]:
         """A cyclic error of the motor's encoder, where the position loop is closed on it."""
@@ -415,13 +414,13 @@ def _largest_torque(machine: Machine, data: Sequence[AxisData]) -> float:
     stands there for more than one percent of the time.
     """
     drive, found = machine.drives[data[0].axis], [1e-6]
-    friction = machine.effect(f"{FRICTION}.{data[0].axis}")
+    friction = coulomb_friction(machine, data[0].axis)
     for d in data:
         n = max(1, int(0.01 / d.step))
         smooth = np.convolve(d.record.actual, np.ones(n) / n, "valid")[::n] * drive.gear
         speed = np.gradient(smooth, n * d.step)
         torque = drive.inertia * np.gradient(speed, n * d.step) + drive.viscous * speed
-        torque += (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed)
+        torque += friction * np.sign(speed)
         found.append(float(np.quantile(np.abs(torque), 0.99)))
     return max(found)
 

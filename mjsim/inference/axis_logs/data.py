@@ -157,12 +157,17 @@ def per_needed_torque(machine: Machine, rows: Sequence[AxisData]) -> float:
         if len(angle) < 3:
             continue
         speed = np.gradient(angle * drive.gear, n * r.step)
-        friction = machine.effect(f"friction.{r.axis}")
         needed = drive.inertia * np.gradient(speed, n * r.step) + drive.viscous * speed
-        needed += (friction.values["coulomb_Nm"] if friction is not None else 0.0) * np.sign(speed)
+        needed += coulomb_friction(machine, r.axis) * np.sign(speed)
         needed -= needed.mean()
         above, below = above + float(needed @ (recorded - recorded.mean())), below + float(needed @ needed)
     return above / max(below, 1e-30)
+
+
+def coulomb_friction(machine: Machine, axis: str) -> float:
+    """Coulomb friction of an axis as its machine file says, N·m."""
+    friction = machine.effect(f"friction.{axis}")
+    return friction.values["coulomb_Nm"] if friction is not None else 0.0
 
 
 def output_row(d: AxisData) -> AxisData | None:
@@ -216,16 +221,21 @@ def noise_of(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNois
     found = noise_at_rest(time, record, resolution)
     if found is not None:
         return found
-    floor, standing = resolution / np.sqrt(12.0), _standing(time, record)
+    declared, standing = declared_noise(resolution), _standing(time, record)
     if standing:  # it settles, or its noise is many steps of the encoder
         spread = _roughness([record.actual[a:b] for a, b in standing])
-        return LogNoise(max(spread, floor), "from what changes fast while the command stands")
-    return LogNoise(floor, "as declared: a share of the encoder step")
+        return LogNoise(max(spread, declared.rms), "from what changes fast while the command stands")
+    return declared
+
+
+def declared_noise(resolution: float) -> LogNoise:
+    """Noise of one axis by the step of its encoder alone."""
+    return LogNoise(resolution / float(np.sqrt(12.0)), "as declared: a share of the encoder step")
 
 
 def noise_at_rest(time: np.ndarray, record: AxisRecord, resolution: float) -> LogNoise | None:
     """Noise of one axis from repeats where the motion repeats, else from rest; nothing where neither is there."""
-    floor = resolution / np.sqrt(12.0)
+    floor = declared_noise(resolution).rms
     period = period_of(record.command, resolution)
     if period:
         n = len(time) // period

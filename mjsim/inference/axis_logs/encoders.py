@@ -40,7 +40,7 @@ from scipy.signal import savgol_coeffs, savgol_filter
 
 from mjsim.effects import registry
 from mjsim.inference.axis_logs.candidates import Candidate, wave_entries
-from mjsim.inference.axis_logs.data import AxisData, LogNoise, noise_at_rest, noise_of
+from mjsim.inference.axis_logs.data import AxisData, LogNoise, declared_noise, noise_at_rest, noise_of
 from mjsim.inference.axis_logs.derivatives import AxisRuns
 from mjsim.inference.axis_logs.discrepancy import pitch_limit
 from mjsim.inference.axis_logs.entries import DRAG, GLIDE, LAG, LOAD, OFFSET, PHASE, SHIFT, START_PLAY, AxisModel, Entry
@@ -518,8 +518,7 @@ def _smoothed(recorded: np.ndarray, noise: float, widest: int) -> np.ndarray:
 
 def _least_noise(d: AxisData) -> float:
     """RMS of the noise of the motor's encoder that is seen at rest: what is smoothed by more loses its turns."""
-    found = noise_at_rest(d.time, d.record, d.resolution)
-    return found.rms if found is not None else d.resolution / math.sqrt(12.0)
+    return (noise_at_rest(d.time, d.record, d.resolution) or declared_noise(d.resolution)).rms
 
 
 def _bend(d: AxisData) -> np.ndarray:

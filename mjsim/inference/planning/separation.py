@@ -152,9 +152,12 @@ class Separator:
         """
         first, second = (motion.reading(p, GRID_STEPS) for p in self._plants)
         sens = motion.sensitivity(self._plants[1], GRID_STEPS)
-        d, *columns = (_blocks(motion, c, self.block) for c in (first - second, *_set_up(motion, sens, second)))
+        set_up, (own, _) = set_up_columns(motion.test, sens, np.zeros((len(second), 3))), set_up_sizes(motion.test)
+        trigger = -np.gradient(second, motion.time[GRID_STEPS]) * TRIGGER
+        d, *columns = (_blocks(motion, c, self.block) for c in (first - second, *set_up[:, :own].T, trigger))
         if lasting:
-            kept = [_blocks(motion, c, self.block) for c in self._lasting(motion, sens, second)]
+            every = (*set_up[:, own:].T, *self._lasting(motion, sens, second))
+            kept = [_blocks(motion, c, self.block) for c in every]
             # in units of the root the prior is a unit normal
             columns += list((np.column_stack(kept) @ self._prior_root(motion.test)).T)
         J = np.column_stack(columns)
@@ -170,7 +173,7 @@ class Separator:
         return np.linalg.cholesky(other.covariance[np.ix_(kept, kept)] + 1e-12 * np.eye(len(kept)))
 
     def _lasting(self, motion: AxesMotion, sens: BarSensitivity, base: np.ndarray) -> Iterator[np.ndarray]:
-        """Derivatives of the second explanation's reading for what lasts, m per prior unit.
+        """Derivatives of the second explanation's reading for data sheet and effects, m per prior unit.
 
         Args:
             motion: Of the axes.
@@ -178,8 +181,6 @@ class Separator:
             base: The reading, m on the grid.
         """
         plant, other = self._plants[1], self.other
-        own, _ = set_up_sizes(motion.test)
-        yield from set_up_columns(motion.test, sens, np.zeros((len(base), 3)))[:, own:].T
         yield from sheet_grid(motion, sens, plant, self._moved)[list(self._moved)]
         linear = Linearisation(Unmeasured((motion,), (sens,)), other.machine, np.zeros(0))
         for f in other.effects:
@@ -191,15 +192,6 @@ class Separator:
                 effect, change = f.nudged(j, _STEP)
                 there = motion.reading(build(other.machine.with_effect(effect)), GRID_STEPS)
                 yield (there - base) / change if abs(change) > 1e-9 else np.zeros(len(base))
-
-
-def _set_up(motion: AxesMotion, sens: BarSensitivity, base: np.ndarray) -> Iterator[np.ndarray]:
-    """Derivatives of a reading for what every test has of its own: set-up and trigger, m per prior unit; arguments as
-    of ``Separator._lasting``.
-    """
-    own, _ = set_up_sizes(motion.test)
-    yield from set_up_columns(motion.test, sens, np.zeros((len(base), 3)))[:, :own].T
-    yield -np.gradient(base, motion.time[GRID_STEPS]) * TRIGGER
 
 
 def _blocks(motion: AxesMotion, grid: np.ndarray, length: float) -> np.ndarray:
