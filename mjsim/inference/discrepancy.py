@@ -239,12 +239,14 @@ class Products:
             out.along.append(np.vstack([known, np.hstack([more @ b[at] for b in self.blocks])]))
         return out
 
-    def extended(self, columns: np.ndarray) -> Products:
-        """The same with further columns (count, k) behind."""
+    def extended(self, *blocks: np.ndarray) -> Products:
+        """The same with further columns behind, in blocks (count, k) each: they fill hundreds of MB, and are kept as
+        they are.
+        """
         out = copy(self)
-        out.blocks, out.gram, out.along = [*self.blocks, columns], [], []
+        out.blocks, out.gram, out.along = [*self.blocks, *blocks], [], []
         for k, (basis, at) in enumerate(self.discrepancy.tests):
-            own = columns[at]
+            own = np.hstack([b[at] for b in blocks])
             cross = np.vstack([b[at].T @ own for b in self.blocks])
             out.gram.append(np.block([[self.gram[k], cross], [cross.T, own.T @ own]]))
             out.along.append(np.hstack([self.along[k], basis.T @ own]))

@@ -238,7 +238,7 @@ class Hypotheses:
             more.append(curve.columns)
             place += curve.columns.shape[1]
         if more:
-            products = products.extended(np.hstack(more))
+            products = products.extended(*more)
         self.all = [*(h for h, _ in inside), *(h for h, _ in rows)]
         #: Log evidence of the model without any of them, and the linear problem, at each level.
         self.levels = self._evidence(products, design, width, inside, rows, levels)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs, solve_triangular
@@ -26,6 +26,23 @@ _KEPT = 20
 _SYTRD, _ORMQR, _PTTRF, _PTTRS = get_lapack_funcs(("sytrd", "ormqr", "pttrf", "pttrs"), dtype=np.float64)
 #: A hypothesis set: places in the list of hypotheses, and the width of each one's prior.
 Chosen = dict[int, float]
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """The linear problem beside a set of curves.
+
+    Attributes:
+        taken: Rows whose products are the information of all columns that the curves take, (p, m).
+        score: Of all columns, (m,).
+        own: Information about each hypothesis by itself, in batches of one size, (n, k, k).
+        rows: Information of the columns of a hypothesis with all, (k, m), by its place; as they are asked for.
+    """
+
+    taken: np.ndarray
+    score: np.ndarray
+    own: list[np.ndarray]
+    rows: dict[int, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -70,7 +87,7 @@ class LinearEvidence:
         ]
         self._own = [information[at[:, :, None], at[:, None, :]] for _, at, _ in self._batches]
         self._known: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
-        self._curves: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
+        self._curves: dict[frozenset[tuple[int, float]], _Beside] = {}
 
     def _columns(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """Places and prior precisions of the coefficients of a set."""
@@ -93,57 +110,58 @@ class LinearEvidence:
 
     def _odds(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """As :meth:`odds`."""
-        seen, taken_up = self._seen(chosen)
-        score = self.score - seen.T @ taken_up
+        curves = {g: w for g, w in chosen.items() if len(self.hypotheses[g].places) > _MANY}
+        beside = self._beside(curves)
+        taken, score = self._taken(beside, {g: w for g, w in chosen.items() if g not in curves})
         odds, best = np.full(len(self.hypotheses), -np.inf), np.ones(len(self.hypotheses))
-        taken = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
-        free = np.array([g not in chosen and h.name not in taken for g, h in enumerate(self.hypotheses)], bool)
-        for (ix, at, widths), own in zip(self._batches, self._own, strict=True):
+        names = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
+        free = np.array([g not in chosen and h.name not in names for g, h in enumerate(self.hypotheses)], bool)
+        left: dict[int, np.ndarray] = {}
+        for (ix, at, widths), own in zip(self._batches, beside.own, strict=True):
             asked = free[ix]
             if not asked.any():
                 continue
-            ix, at, widths, information = ix[asked], at[asked], widths[asked], own[asked]
-            if len(seen):
-                part = seen[:, at].transpose(1, 0, 2)  # (hypotheses, chosen columns, own columns)
-                information = information - np.matmul(part.transpose(0, 2, 1), part)
+            ix, at, widths = ix[asked], at[asked], widths[asked]
+            information = _without_taken(own[asked], taken, at)
             evidence = _evidence(information, score[at], widths)
             odds[ix] = np.logaddexp.reduce(evidence, axis=1) - math.log(widths.shape[1]) + self._log_odds[ix]
             best[ix] = widths[np.arange(len(ix)), evidence.argmax(axis=1)]
+            left.update(zip(ix.tolist(), information, strict=True))
         for g in np.argsort(-odds)[:_CHECKED]:
             h = self.hypotheses[g]
             if np.isfinite(odds[g]) and h.is_possible is not None:
-                at = h.places
-                information = self.information[np.ix_(at, at)] - seen[:, at].T @ seen[:, at]
-                x = np.linalg.solve(information + np.eye(len(at)) * best[g] ** -2.0, score[at])
+                x = np.linalg.solve(left[int(g)] + np.eye(len(h.places)) * best[g] ** -2.0, score[h.places])
                 if not h.is_possible(x):
                     odds[g] = -np.inf
         return odds, best
 
-    def _seen(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
-        """What a set takes up: ``seen`` (p, m), whose products are the information of all columns that it takes, and
-        the same of the score, (p,). Curves come first and are kept: sets differ in the small ones.
-        """
-        curves = {g: w for g, w in chosen.items() if len(self.hypotheses[g].places) > _MANY}
+    def _beside(self, curves: Chosen) -> _Beside:
+        """The problem beside a set of curves, which is kept: sets differ in what is small."""
         key = frozenset(curves.items())
         if key not in self._curves:
             if len(self._curves) >= _KEPT:
                 self._curves.clear()
-            nothing = np.zeros((0, len(self.score))), np.zeros(0)
-            self._curves[key] = self._taken_up(curves, *nothing)
-        small = {g: w for g, w in chosen.items() if g not in curves}
-        return self._taken_up(small, *self._curves[key])
+            nothing = _Beside(np.zeros((0, len(self.score))), self.score, self._own)
+            taken, score = self._taken(nothing, curves)
+            own = [_without_taken(o, taken, at) for (_, at, _), o in zip(self._batches, self._own, strict=True)]
+            self._curves[key] = _Beside(taken, score, own)
+        return self._curves[key]
 
-    def _taken_up(self, more: Chosen, seen: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same of a set of which all but ``more`` is known."""
-        if not more:
-            return seen, pull
-        places, precision = self._columns(more)
-        before = seen[:, places].T
-        rows = self.information[places] - before @ seen
+    def _taken(self, beside: _Beside, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
+        """What a further set takes: rows (p, m) whose products are the information of all columns that it takes; and
+        the score that it leaves, (m,).
+        """
+        if not chosen:
+            return np.zeros((0, len(self.score))), beside.score
+        places, precision = self._columns(chosen)
+        for g in chosen.keys() - beside.rows.keys():
+            at = self.hypotheses[g].places
+            beside.rows[g] = self.information[at] - beside.taken[:, at].T @ beside.taken
+        rows = np.vstack([beside.rows[g] for g in chosen])
         lower = np.linalg.cholesky(rows[:, places] + np.diag(precision))
-        own = solve_triangular(lower, rows, lower=True, check_finite=False)
-        score = solve_triangular(lower, self.score[places] - before @ pull, lower=True, check_finite=False)
-        return np.vstack([seen, own]), np.concatenate([pull, score])
+        turn = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
+        taken = turn @ rows
+        return taken, beside.score - taken.T @ (turn @ beside.score[places])
 
     def total(self, chosen: Chosen) -> float:
         """Log evidence of a set over that of none, with the prior odds."""
@@ -240,6 +258,20 @@ class LinearEvidence:
             if is_other and name not in out:
                 out[name] = float(odds[g]), int(g), float(width[g])
         return list(out.values())
+
+
+def _without_taken(information: np.ndarray, taken: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Information about hypotheses, (n, k, k), without what a set takes.
+
+    Args:
+        information: With it, (n, k, k).
+        taken: What the set takes of all columns, (p, m).
+        at: Columns of each hypothesis, (n, k).
+    """
+    if not len(taken):
+        return information
+    part = taken[:, at].transpose(1, 0, 2)
+    return information - np.matmul(part.transpose(0, 2, 1), part)
 
 
 def _evidence(information: np.ndarray, score: np.ndarray, widths: np.ndarray) -> np.ndarray:
