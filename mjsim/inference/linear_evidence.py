@@ -36,12 +36,14 @@ class _Beside:
         taken: Rows whose products are the information of all columns that the curves take, (p, m).
         score: Of all columns, (m,).
         own: Information about each hypothesis by itself, in batches of one size, (n, k, k).
+        gain: Log evidence of the curves over that of none, without prior odds.
         rows: Information of the columns of a hypothesis with all, (k, m), by its place; as they are asked for.
     """
 
     taken: np.ndarray
     score: np.ndarray
     own: list[np.ndarray]
+    gain: float = 0.0
     rows: dict[int, np.ndarray] = field(default_factory=dict)
 
 
@@ -110,9 +112,8 @@ class LinearEvidence:
 
     def _odds(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """As :meth:`odds`."""
-        curves = {g: w for g, w in chosen.items() if len(self.hypotheses[g].places) > _MANY}
-        beside = self._beside(curves)
-        taken, score = self._taken(beside, {g: w for g, w in chosen.items() if g not in curves})
+        beside, small = self._beside(chosen)
+        taken, score, _ = self._taken(beside, small)
         odds, best = np.full(len(self.hypotheses), -np.inf), np.ones(len(self.hypotheses))
         names = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
         free = np.array([g not in chosen and h.name not in names for g, h in enumerate(self.hypotheses)], bool)
@@ -135,24 +136,25 @@ class LinearEvidence:
                     odds[g] = -np.inf
         return odds, best
 
-    def _beside(self, curves: Chosen) -> _Beside:
-        """The problem beside a set of curves, which is kept: sets differ in what is small."""
+    def _beside(self, chosen: Chosen) -> tuple[_Beside, Chosen]:
+        """The problem beside the curves of a set, which is kept since sets differ in what is small; and the others."""
+        curves = {g: w for g, w in chosen.items() if len(self.hypotheses[g].places) > _MANY}
         key = frozenset(curves.items())
         if key not in self._curves:
             if len(self._curves) >= _KEPT:
                 self._curves.clear()
             nothing = _Beside(np.zeros((0, len(self.score))), self.score, self._own)
-            taken, score = self._taken(nothing, curves)
+            taken, score, gain = self._taken(nothing, curves)
             own = [_without_taken(o, taken, at) for (_, at, _), o in zip(self._batches, self._own, strict=True)]
-            self._curves[key] = _Beside(taken, score, own)
-        return self._curves[key]
+            self._curves[key] = _Beside(taken, score, own, gain)
+        return self._curves[key], {g: w for g, w in chosen.items() if g not in curves}
 
-    def _taken(self, beside: _Beside, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
-        """What a further set takes: rows (p, m) whose products are the information of all columns that it takes; and
-        the score that it leaves, (m,).
+    def _taken(self, beside: _Beside, chosen: Chosen) -> tuple[np.ndarray, np.ndarray, float]:
+        """What a further set takes: rows (p, m) whose products are the information of all columns that it takes; the
+        score that it leaves, (m,); and its log evidence, without prior odds.
         """
         if not chosen:
-            return np.zeros((0, len(self.score))), beside.score
+            return np.zeros((0, len(self.score))), beside.score, 0.0
         places, precision = self._columns(chosen)
         for g in chosen.keys() - beside.rows.keys():
             at = self.hypotheses[g].places
@@ -160,18 +162,15 @@ class LinearEvidence:
         rows = np.vstack([beside.rows[g] for g in chosen])
         lower = np.linalg.cholesky(rows[:, places] + np.diag(precision))
         turn = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
-        taken = turn @ rows
-        return taken, beside.score - taken.T @ (turn @ beside.score[places])
+        taken, score = turn @ rows, turn @ beside.score[places]
+        gain = 0.5 * float(score @ score + np.log(precision).sum()) - float(np.log(np.diag(lower)).sum())
+        return taken, beside.score - taken.T @ score, gain
 
     def total(self, chosen: Chosen) -> float:
         """Log evidence of a set over that of none, with the prior odds."""
-        places, precision = self._columns(chosen)
-        if not chosen:
-            return 0.0
-        lower = np.linalg.cholesky(self.information[np.ix_(places, places)] + np.diag(precision))
-        z = solve_triangular(lower, self.score[places], lower=True, check_finite=False)
-        fit = 0.5 * float(z @ z) - float(np.log(np.diag(lower)).sum()) + 0.5 * float(np.log(precision).sum())
-        return fit + sum(self._log_odds[g] - math.log(len(self.hypotheses[g].widths)) for g in chosen)
+        beside, small = self._beside(chosen)
+        gain = beside.gain + self._taken(beside, small)[2]
+        return gain + sum(self._log_odds[g] - math.log(len(self.hypotheses[g].widths)) for g in chosen)
 
     def estimate(self, chosen: Chosen) -> dict[int, np.ndarray]:
         """Coefficients (k,) of every hypothesis of a set, fitted together."""
