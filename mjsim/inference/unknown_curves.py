@@ -175,17 +175,18 @@ def best_curves(
         problem: The measured tests with the whitening of the model but for curves that are to compete.
         fit: The model, whitened by ``problem``.
         plain: The same tests whitened by the campaign's noise alone.
-        own: Names of the curves of the model, which are looked at in any case.
+        own: Names of the curves of the model: each of their priors competes, with the number of knots that suits it.
         others: Whether others compete as well, each with the prior that explains most.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
-    out: dict[str, tuple[float, CurveTerm, str, np.ndarray, float]] = {}
+    out: dict[tuple[str, ...], tuple[float, CurveTerm, str, np.ndarray, float]] = {}
 
     def compete(term: CurveTerm, known: tuple[np.ndarray, np.ndarray], prior: str, root: np.ndarray, odds: float):
-        """Keep a curve where it is the best of its name."""
+        """Keep a curve where it is the best of its name, or of its name and prior."""
         evidence, name = _evidence(*known, root) + odds, Curve.called(term)
-        if evidence > out.get(name, (0.0,))[0]:
-            out[name] = evidence, term, prior, root, odds
+        key = (name, prior) if name in own else (name,)
+        if evidence > out.get(key, (0.0,))[0]:
+            out[key] = evidence, term, prior, root, odds
 
     def competes(term: CurveTerm) -> bool:
         """Whether a curve is one of those that are looked at."""
