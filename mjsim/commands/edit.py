@@ -224,7 +224,7 @@ def fit_effect(fitter: Fitter, cls: type[Effect], subject: str) -> Model:
         InputError: the campaign cannot show it.
     """
     effect_id = f"{cls.kind}.{subject}"
-    found = BarSearch(fitter, only=(cls, subject)).with_effect(fit_within_tolerance(fitter, without=effect_id))
+    found = BarSearch(fitter, only=[(cls, subject)]).with_effect(fit_within_tolerance(fitter, without=effect_id))
     if found is None:
         raise InputError(
             f"effect {effect_id} does not change any reading of this campaign, so it cannot be fitted; allowed: an "

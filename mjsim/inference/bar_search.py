@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -145,7 +145,7 @@ def one_direction_candidates(fit: Fit, bank: SignatureBank, rows: list[Row]) -> 
 
 
 def further_candidates(
-    plain: Problem, fit: Fit, bank: SignatureBank, only: str = ""
+    plain: Problem, fit: Fit, bank: SignatureBank, only: Collection[str] = ()
 ) -> Callable[[list[Row]], Iterable[Offer]]:
     """What gives the candidates that are not among the seeds: effects in one direction of motion, and waves, whose
     orders are read off a spectrum.
@@ -154,17 +154,18 @@ def further_candidates(
         plain: The measured tests, whitened by the campaign's noise alone.
         fit: The model that they are beside.
         bank: Of the seeds.
-        only: Id of the one effect that is asked about; without it the whole catalogue.
+        only: Ids of the effects that are asked about; without them the whole catalogue.
     """
+    axes = {i.rpartition(".")[2] for i in only} or {*fit.base.chain.letters}
 
     def further(ranked: list[Row]) -> Iterator[Offer]:
         yield from one_direction_candidates(fit, bank, ranked)
         have = {f.effect.key: f.effect for f in fit.effects}
         for axis in fit.base.chain.letters:
-            if only.rpartition(".")[2] not in ("", axis):
+            if axis not in axes:
                 continue
             for c, columns in spectral_candidates(plain, fit, bank, axis, _LOOKED_AT):
-                if only not in ("", c.id):
+                if only and c.id not in only:
                     continue
                 mine = have.get(c.effect.key)
                 waves = [] if mine is None else [round(row[0]) for row in mine.values.get("components", [])]
@@ -206,14 +207,15 @@ class BarSearch(Search[Problem]):
     Args:
         fitter: Of the machine, on tests whitened by the campaign's noise alone.
         progress: Called as work gets on.
-        only: Kind and subject of the one effect that is looked for; without it the whole catalogue.
+        only: Kinds and subjects of the effects that are looked for; without them the whole catalogue.
     """
 
     def __init__(
-        self, fitter: Fitter, progress: Progress = silent, only: tuple[type[Effect], str] | None = None
+        self, fitter: Fitter, progress: Progress = silent, only: Collection[tuple[type[Effect], str]] = ()
     ) -> None:
-        self.only = f"{only[0].kind}.{only[1]}" if only else ""
-        self.seeds = seeds_of(*only, fitter.machine) if only else seeds(fitter.machine)
+        self.only = tuple(f"{cls.kind}.{subject}" for cls, subject in only)
+        some = (c for cls, subject in only for c in seeds_of(cls, subject, fitter.machine))
+        self.seeds = [*some] if only else seeds(fitter.machine)
         super().__init__(fitter, progress)
 
     def _begin(self, fitter: DataFitter[Problem]) -> None:
@@ -360,9 +362,13 @@ class BarSearch(Search[Problem]):
         bank, products = self.signatures_at(model)
         if model.curves:
             products = products.along_more(self._discrepancy_beside(model.curves))
-        further = further_candidates(self.plain, model.fit, bank, self.only)
+        further = self._further(model, bank)
         design = self.discrepancy.plain(model.fit)
         return Hypotheses(model.fit, design, bank, products, model.expected, levels, competing, further)
+
+    def _further(self, model: Model[Problem], bank: SignatureBank) -> Callable[[list[Row]], Iterable[Offer]]:
+        """What gives the candidates beside a model that are not among the seeds."""
+        return further_candidates(self.plain, model.fit, bank, self.only)
 
     def whitened_by(self, model: Model[Problem], problem: Problem) -> Fit:
         """The fit of a model with its design and residual whitened by another problem."""
@@ -378,7 +384,7 @@ class BarSearch(Search[Problem]):
         """
         known = {c.key: c for c in calibrated_effects(self.machine)}
         model, found = self._settled(Model(known, fit, self.plain, self._usual)), None
-        given = self.machine.effect(self.only)
+        given = self.machine.effect(self.only[0])
         if given is not None and given.search.scanned and not given.is_neutral:  # its own waves before any other
             free = EffectVector(given, given.search.free_of(given.parameters_of(given.subject)))
             free = free.with_prior(free.vector, np.full(len(free.vector), WIDTHS[-1]))
