@@ -205,9 +205,8 @@ def show(axis: str, data: dict) -> None:
             "  ",
         )
         for f in d["local_faults"]:
-            what = "glitch of a turning linear axis" if f["at_reversal"] else "local fault"
             common.paragraph(
-                f"{what} taken out: {1e3 * f['height_deg']:+.2f}·10⁻³ ° at {f['centre_deg']:.1f}°, width "
+                f"local fault taken out: {1e3 * f['height_deg']:+.2f}·10⁻³ ° at {f['centre_deg']:.1f}°, width "
                 f"{f['width_deg']:.2g}°",
                 "  ",
             )

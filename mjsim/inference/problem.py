@@ -177,6 +177,14 @@ class Problem:
         nuisances = Nuisances.of_tests(tests, self.settings.trigger_limit)
         return replace(self, samples=tuple(samples), tests=tests, nuisances=nuisances, outliers=outliers)
 
+    def only(self, places: Sequence[int]) -> Problem:
+        """The problem with some of its tests; the noise model stays."""
+        tests = tuple(self.tests[k] for k in places)
+        motions, sensitivity = ([rows[k] for k in places] for rows in (self.motions, self.sensitivity))
+        part = replace(self, motions=tuple(motions), sensitivity=tuple(sensitivity), changes=KeptChanges())
+        outliers = {t.name: self.outliers[t.name] for t in tests}
+        return part.with_samples([self.samples[k] for k in places], tests, outliers)
+
     def with_noise_of_samples(self) -> Problem:
         """The problem with the noise estimated again, from its samples."""
         return replace(self, noises=noises_of(self.samples, self.campaign.instruments))

@@ -3,8 +3,7 @@
 Gains and penalties are falls of the objective: squared whitened residuals plus squared prior departures, which is minus
 twice a log posterior density. A likelihood ratio of e^6 is therefore 12.
 
-Pitch errors and mistakes in a campaign have settings of their own (:mod:`mjsim.inference.pitch.settings`,
-:mod:`mjsim.inference.mistakes.mistakes`).
+Mistakes in a campaign have settings of their own (:mod:`mjsim.inference.mistakes.mistakes`).
 
 Four sources of values: *nulls*, measured once on simulated machines without a missing effect; *bank*, chosen on the
 tuning half of the campaigns of ``scripts/benchmarks/benchmark_diagnosis.py`` and checked on the other half;

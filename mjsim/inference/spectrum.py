@@ -26,9 +26,10 @@ _SLOWEST_RIPPLE = 0.95
 _PART = 0.05
 
 
-def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
-    """The ``count`` orders whose sine and cosine explain most of the residual: in both directions of motion (key
-    ``""``), and for rotary axes that turn both ways also in each alone (``"CCW"``, ``"CW"``).
+def order_gains(problem: Problem, fit: Fit, bank: SignatureBank, axis: str) -> dict[str, np.ndarray]:
+    """What sine and cosine of every order from 1 on explain of the residual, (highest,): in both directions of motion
+    (key ``""``), and of a rotary axis in each in which it turns (``"CCW"``, ``"CW"``). Minus infinity where it passes
+    faster than the blocks can follow.
 
     Residual times sensitivity is gathered over the axis position (one turn) and transformed: this is the score of every
     order at once. Its variance follows from the noise spectrum at the frequency at which the order passes. Nuisances
@@ -56,15 +57,24 @@ def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: in
 
     gathered, variance = (np.sum(parts, axis=0) for parts in zip(*problem.map(one), strict=True))
     per_direction = {"": (gathered.sum(axis=0), variance.sum(axis=0))}
-    if rotary and all(v.any() for v in variance):
-        up, down = ("CCW", "CW") if problem.chain.axis(axis).ccw > 0.0 else ("CW", "CCW")
-        per_direction |= {up: (gathered[0], variance[0]), down: (gathered[1], variance[1])}
+    if rotary:
+        ways = ("CCW", "CW") if problem.chain.axis(axis).ccw > 0.0 else ("CW", "CCW")
+        per_direction |= {way: (g, v) for way, g, v in zip(ways, gathered, variance, strict=True) if v.any()}
     out = {}
     for name, (g, v) in per_direction.items():
         seen = v > _SEEN * v.max()  # the others pass faster than the blocks can follow
-        gains = np.where(seen, np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.where(seen, v, 1.0), -np.inf)
-        out[name] = [int(n) + 1 for n in np.argsort(-gains, kind="stable")[:count] if seen[n]]
+        out[name] = np.where(seen, np.abs(np.fft.rfft(g)[1 : highest + 1]) ** 2 / np.where(seen, v, 1.0), -np.inf)
     return out
+
+
+def orders(problem: Problem, fit: Fit, bank: SignatureBank, axis: str, count: int = 6) -> dict[str, list[int]]:
+    """The ``count`` orders of largest :func:`order_gains` in both directions of motion, and in each alone where an axis
+    turns both ways.
+    """
+    gains = order_gains(problem, fit, bank, axis)
+    names = [*gains] if len(gains) == 3 else [""]
+    best = {name: np.argsort(-gains[name], kind="stable")[:count] for name in names}
+    return {name: [int(n) + 1 for n in rows if np.isfinite(gains[name][n])] for name, rows in best.items()}
 
 
 def _backward(noise: Noise, rest: np.ndarray) -> np.ndarray:

@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.inference.fit import Fit
 from mjsim.inference.pitch.directions import TurnDirection
-from mjsim.inference.pitch.model import PitchModel, State
-from mjsim.inference.pitch.terms import Fault, Term, Wave
+from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID_STEPS
+from mjsim.machine.effect import Effect
+from mjsim.machine.model import build
+from mjsim.units import DEG
 
 #: Around a reversal of a linear axis its friction shows in the reading: from so long before the command turns to so
 #: long after, s.
@@ -26,51 +30,63 @@ class Curve:
     at_reversal: np.ndarray
 
 
-def terms_of(state: State, direction: TurnDirection) -> list[Term]:
-    """The terms that act while the axis turns in this direction."""
-    return [t for t in state.terms if t.axis == direction.axis and t.direction in (direction.direction, "")]
+def acting(fit: Fit, kind: str, direction: TurnDirection) -> list[Effect]:
+    """Effects of one kind of a model that act while the axis turns in a direction."""
+    mine = (f.effect for f in fit.effects if f.effect.id == f"{kind}.{direction.axis}")
+    return [e for e in mine if e.values.get("direction", direction.direction) == direction.direction]
 
 
-def components_of(state: State, direction: TurnDirection) -> list[Wave]:
-    """The waves of this direction from the tooth order on, by order."""
-    return sorted(
-        (t for t in terms_of(state, direction) if isinstance(t, Wave) and t.test is None), key=lambda t: t.order
-    )
+def components_of(fit: Fit, direction: TurnDirection) -> list[list[float]]:
+    """The waves of this direction from the tooth order on, by order: order, amplitude and phase in degrees."""
+    rows = [row for e in acting(fit, "pitch_error", direction) for row in e.values["components"]]
+    return sorted(row for row in rows if row[0] >= direction.teeth)
 
 
-def curve(model: PitchModel, state: State, direction: TurnDirection, k: int) -> Curve:
+def reached(problem: Problem, fit: Fit, k: int, axis: str) -> tuple[np.ndarray, np.ndarray]:
+    """Position of an axis that its drive has reached in test ``k``, rad, and the reading per rad there, m, (m,) each at
+    the middles of the blocks.
+    """
+    s, shift = problem.samples[k], problem.shift(k, fit.nuisance)
+    position = problem.motions[k].motor(axis, build(fit.machine).axes[axis], GRID_STEPS)
+    per_rad = problem.sensitivity[k].axes[:, problem.chain.index(axis)]
+    return s.sample(position, shift), s.sample(per_rad, shift)
+
+
+def curve(problem: Problem, fit: Fit, direction: TurnDirection, k: int) -> Curve:
     """The curves of test ``k``: reading over radius against the position that the drive has reached when the sample was
     taken.
 
     What lies below the tooth order is described by cosines of half and whole periods over the arc, up to one resolution
-    below the tooth order, least squares together with the components and the local faults: nothing is folded round at
+    below the tooth order, least squares together with the components and the worn stretches: nothing is folded round at
     the ends of an arc, as zeroing lines of an FFT would, and no component leaks into what is taken out.
     """
-    p = model.problem
-    s, shift = p.samples[k], p.shift(k, state.nuisance)
-    x = s.sample(model.position[k][direction.axis], shift)
-    sens = s.sample(p.sensitivity[k].axes[:, p.chain.index(direction.axis)], shift)
-    good = s.good
-    x, raw = x[good], (s.mean / sens)[good]
-    mine = [t for t in terms_of(state, direction) if t.test in (None, p.tests[k].name)]
-    waves = [t for t in mine if isinstance(t, Wave) and t.test is None]
+    s, good = problem.samples[k], problem.samples[k].good
+    x, per_rad = (v[good] for v in reached(problem, fit, k, direction.axis))
+    raw = s.mean[good] / per_rad
     u = (x - x.min()) / np.ptp(x)
     slow = np.arange(int(2.0 * np.ptp(x) / (2 * np.pi) * direction.lowest) + 1)
     low = np.column_stack([np.cos(np.pi * u[:, None] * slow), u])
-    faults = [c for t in mine if isinstance(t, Fault) for c in t.columns(x)[:1]]
-    fast = [c for t in waves for c in t.columns(x)[:2]]
+    faults = [_bell(x, e.si("centre_deg"), e.si("width_deg")) for e in acting(fit, "worm_wear", direction)]
+    rows = components_of(fit, direction)
+    fast = [side(n * x) for n, _, _ in rows for side in (np.sin, np.cos)]
     design = np.column_stack([low, *faults, *fast])
     fitted = np.linalg.lstsq(design, raw, rcond=1e-8)[0]
     count = low.shape[1] + len(faults)
     modified = raw - design[:, :count] @ fitted[:count]
-    identified = sum((t.value(x) for t in waves), np.zeros(len(x)))
-    return Curve(x, raw, modified, identified, at_reversals(model, k, s.centre[good] - shift))
+    identified = sum((a * DEG * np.sin(n * x + phase * DEG) for n, a, phase in rows), np.zeros(len(x)))
+    time = s.centre[good] - problem.shift(k, fit.nuisance)
+    return Curve(x, raw, modified, identified, at_reversals(problem, k, time))
 
 
-def at_reversals(model: PitchModel, k: int, time: np.ndarray) -> np.ndarray:
+def _bell(x: np.ndarray, centre: float, width: float) -> np.ndarray:
+    """Shape of a worn stretch at positions (n,) rad, its height 1."""
+    return np.exp(-0.5 * (((x - centre + np.pi) % (2 * np.pi) - np.pi) / width) ** 2)
+
+
+def at_reversals(problem: Problem, k: int, time: np.ndarray) -> np.ndarray:
     """Which instants (n,) s of the program lie at a turning point of a linear axis, (n,) bool."""
-    m = model.problem.motions[k]
-    step = np.sign(np.round(np.diff(m.commands[:, model.problem.chain.linear_columns], axis=0), 12))
+    m = problem.motions[k]
+    step = np.sign(np.round(np.diff(m.commands[:, problem.chain.linear_columns], axis=0), 12))
     out = np.zeros(len(time), bool)
     for j in range(step.shape[1]):
         moving = np.flatnonzero(step[:, j])

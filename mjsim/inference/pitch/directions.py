@@ -10,11 +10,6 @@ from mjsim.inference.problem import Problem
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 
-#: Highest number of peaks per turn that is looked for (paper, Fig. 3).
-HIGHEST = 800
-#: Waves that pass faster than this, per block, are not looked for.
-BAND = 0.45
-
 
 @dataclass(frozen=True)
 class TurnDirection:
@@ -26,7 +21,6 @@ class TurnDirection:
         tests: indices of its tangential tests, the longest arc first.
         teeth: of the worm wheel.
         arc: longest arc measured, rad.
-        speed: of the fastest, turns per s.
     """
 
     axis: str
@@ -34,7 +28,6 @@ class TurnDirection:
     tests: tuple[int, ...]
     teeth: float
     arc: float
-    speed: float
 
     @property
     def resolution(self) -> float:
@@ -43,12 +36,8 @@ class TurnDirection:
 
     @property
     def lowest(self) -> float:
-        """Order from which on a wave counts as a component; what is slower lies below the tooth order."""
+        """Order up to which a curve is drawn without what is slower: one resolution below the tooth order."""
         return self.teeth - self.resolution
-
-    def highest(self, block: float) -> float:
-        """Highest order that blocks of ``block`` s still show."""
-        return min(float(HIGHEST), BAND / (block * self.speed))
 
 
 def turn_directions(problem: Problem, axis: str, teeth: float) -> list[TurnDirection]:
@@ -60,8 +49,7 @@ def turn_directions(problem: Problem, axis: str, teeth: float) -> list[TurnDirec
             continue
         arcs = {k: _arc(problem, k, axis) for k in mine}
         mine.sort(key=lambda k: (-round(arcs[k], 2), problem.tests[k].feed))
-        speed = max(arcs[k] / (2 * np.pi * np.ptp(problem.samples[k].centre)) for k in mine)
-        out.append(TurnDirection(axis, direction, tuple(mine), teeth, arcs[mine[0]], speed))
+        out.append(TurnDirection(axis, direction, tuple(mine), teeth, arcs[mine[0]]))
     return out
 
 

@@ -1,11 +1,12 @@
-"""The noise where no test repeats its revolution: from the floor of the residual's own spectrum."""
+"""The noise where no test repeats its revolution: from the floor of the spectrum of what a model leaves."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from mjsim.inference.fit import Fit
 from mjsim.inference.noise import Noise, autoregression
-from mjsim.inference.pitch.model import PitchModel, State
+from mjsim.inference.problem import Problem
 
 #: Length of a segment, blocks, and autoregressive order of the model.
 _SEGMENT, _ORDER = 256, 5
@@ -13,25 +14,19 @@ _SEGMENT, _ORDER = 256, 5
 _MEDIAN = np.log(2.0)
 
 
-def residual_noise(model: PitchModel, state: State) -> Noise:
-    """Noise model from what is left of the tests in use: the median over segments of their periodograms.
-
-    A line, a glitch or a knock is in a few segments or bins only; medians do not see them.
-
-    Raises:
-        ValueError: the tests are shorter than four segments.
+def residual_noise(problem: Problem, fit: Fit) -> Noise | None:
+    """Noise model from what a model leaves: the median over segments of their periodograms. A line, a glitch or a knock
+    is in a few segments or bins only; medians do not see them. ``None`` where the tests are shorter than four segments.
     """
     segments, fine = [], []
-    for k in model.use:
-        s = model.problem.samples[k]
-        rest = model.residual(k, state)
+    singles = problem.sample_residuals(fit.readings, fit.nuisance)
+    for s, rest, single in zip(problem.samples, problem.residual(fit.readings, fit.nuisance), singles, strict=True):
         for i in range(0, len(rest) - _SEGMENT + 1, _SEGMENT // 2):
             if s.good[i : i + _SEGMENT].all():
                 segments.append(rest[i : i + _SEGMENT])
-        single = s.value - s.sample_all(model.total(k, state), model.problem.shift(k, state.nuisance))
         fine.append((single - np.repeat(s.average(single), np.diff(s.edges)))[s.valid])
     if len(segments) < 4:
-        raise ValueError(f"only {len(segments)} whole segments of {_SEGMENT} blocks")
+        return None
     window = np.hanning(_SEGMENT)
     t = np.linspace(-1.0, 1.0, _SEGMENT)
     level = np.array([x - np.polyval(np.polyfit(t, x, 1), t) for x in segments])

@@ -82,12 +82,8 @@ class Alternation:
 
 @dataclass(frozen=True)
 class LocalFault:
-    """A fault of one place that was taken out: ``height exp(-((x - centre)/width)²/2)``, degrees.
-
-    ``at_reversal``: it stands where a linear axis turns back, a glitch that the machine file does not explain.
-    """
+    """A worn stretch of the wheel that was taken out: ``height exp(-((x - centre)/width)²/2)``, degrees."""
 
     centre_deg: float
     width_deg: float
     height_deg: float
-    at_reversal: bool

@@ -145,7 +145,6 @@ class DirectionIdentification:
             "rms_deg": {k: float(f"{v:.4g}") for k, v in self.rms_deg().items()},
             "local_faults": [
                 {k: float(f"{getattr(f, k):.5g}") for k in ("centre_deg", "width_deg", "height_deg")}
-                | {"at_reversal": f.at_reversal}
                 for f in self.faults
             ],
             "trigger_ci95_ms": {k: round(v, 2) for k, v in self.trigger_ci95_ms.items()},

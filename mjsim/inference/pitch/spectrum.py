@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mjsim.inference.pitch.components import noise_excess, threshold
-from mjsim.inference.pitch.curve import Curve
-from mjsim.inference.pitch.directions import HIGHEST, TurnDirection
-from mjsim.inference.pitch.model import PitchModel, State
-from mjsim.inference.pitch.terms import UNIT, Wave
+from mjsim.effects import registry
+from mjsim.inference.fit import Fit
+from mjsim.inference.hypotheses import WIDTHS, prior_log_odds
+from mjsim.inference.pitch.curve import Curve, reached
+from mjsim.inference.pitch.directions import TurnDirection
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import LEAST
+from mjsim.inference.spectrum import HIGHEST_ROTARY
 from mjsim.units import DEG
 
 
@@ -35,26 +38,40 @@ def amplitude(position: np.ndarray, value: np.ndarray, orders: np.ndarray) -> np
     return 2.0 * np.abs(kernel @ (weight * value)) / weight.sum()
 
 
-def spectrum(model: PitchModel, state: State, direction: TurnDirection, curve: Curve) -> Spectrum:
-    """Spectrum of one direction's modified curve at whole orders from 1 to the highest."""
-    orders = np.arange(1.0, HIGHEST + 1.0)
-    columns = np.vstack([_whitened(model, state, direction, k, orders) for k in direction.tests])
-    rest = np.concatenate([model.whitened(k, model.residual(k, state)) for k in direction.tests])
+def spectrum(problem: Problem, fit: Fit, direction: TurnDirection, line: Curve) -> Spectrum:
+    """Spectrum of one direction's modified curve at whole orders from 1 to the highest.
+
+    Args:
+        problem: The tests with the whitening of the model.
+        fit: The model.
+        direction: Of the axis.
+        line: Its curves.
+    """
+    orders = np.arange(1.0, HIGHEST_ROTARY + 1.0)
+    columns = np.vstack([_whitened(problem, fit, direction, k, orders) for k in direction.tests])
     own = 0.5 * np.einsum("ij,ij->j", columns, columns).reshape(-1, 2).sum(axis=1)
     own = np.maximum(own, 1e-9 * own.max())
-    gain = ((rest @ columns) ** 2).reshape(-1, 2).sum(axis=1) / own
-    raised = noise_excess(gain, orders, model.settings.floor_orders)
-    floor = np.sqrt(2.0 * raised / own) * UNIT / DEG
-    limit = np.sqrt(threshold(2 * HIGHEST, model.settings.false_alarm) * raised / own) * UNIT / DEG
-    return Spectrum(orders, amplitude(curve.position, curve.modified, orders) / DEG, floor, limit)
+    one, subject = registry.effect_class(f"pitch_error.{direction.axis}", problem.chain)
+    unit = one.parameters_of(subject)[0].scale
+    log_odds = prior_log_odds(one(subject, components=[], direction=direction.direction), 1)
+    limit = unit * least_amplitude(own * (unit * DEG) ** 2, log_odds)
+    return Spectrum(orders, amplitude(line.position, line.modified, orders) / DEG, np.sqrt(2.0 / own) / DEG, limit)
 
 
-def _whitened(model: PitchModel, state: State, direction: TurnDirection, k: int, orders: np.ndarray) -> np.ndarray:
-    """Sine and cosine of all orders, whitened, (rows, 2 m)."""
-    s, shift = model.problem.samples[k], model.problem.shift(k, state.nuisance)
-    x, factor = (
-        s.sample(model.position[k][direction.axis], shift),
-        s.sample(model.factor(k, Wave(direction.axis, direction.direction, 1.0)), shift),
-    )
-    wave = UNIT * factor[:, None] * np.exp(1j * orders * x[:, None])
-    return model.whitened(k, np.stack([wave.imag, wave.real], axis=2).reshape(len(x), -1))
+def least_amplitude(information: np.ndarray, log_odds: float) -> np.ndarray:
+    """Amplitude from which the evidence for a wave is what the search asks for, (m,) typical sizes.
+
+    Args:
+        information: About its sine and its cosine, (m,) each.
+        log_odds: Logarithm of its prior odds.
+    """
+    share = information[:, None] / (information[:, None] + WIDTHS**-2.0)
+    need = LEAST - log_odds + np.log(len(WIDTHS)) + np.log1p(information[:, None] * WIDTHS**2)
+    return np.sqrt((2.0 * need / (share * information[:, None])).min(axis=1))
+
+
+def _whitened(problem: Problem, fit: Fit, direction: TurnDirection, k: int, orders: np.ndarray) -> np.ndarray:
+    """Sine and cosine of all orders, m per rad, whitened, (rows, 2 m)."""
+    x, per_rad = reached(problem, fit, k, direction.axis)
+    waves = np.stack([side(orders * x[:, None]) for side in (np.sin, np.cos)], axis=2)
+    return problem.whiten_test(k, per_rad[:, None] * waves.reshape(len(x), -1))

@@ -1,34 +1,37 @@
-"""From a fitted state to what is said about one direction: components with intervals, curves, spectrum."""
+"""From a fitted model to what is said about one direction: components with intervals, curves, spectrum."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.nuisance import TRIGGER, TRIGGERS
-from mjsim.inference.pitch import joint
 from mjsim.inference.pitch.alternating import alternate
-from mjsim.inference.pitch.curve import components_of, curve, terms_of
+from mjsim.inference.pitch.curve import acting, curve
 from mjsim.inference.pitch.directions import TurnDirection
-from mjsim.inference.pitch.model import PitchModel, State
 from mjsim.inference.pitch.parts import Component, LocalFault
 from mjsim.inference.pitch.result import DirectionIdentification
+from mjsim.inference.pitch.search import GearSearch
 from mjsim.inference.pitch.spectrum import spectrum
-from mjsim.inference.pitch.terms import UNIT, Fault, Wave
+from mjsim.inference.problem import Problem
+from mjsim.inference.search import TOLD, Model
 from mjsim.units import DEG, MM
 
 
-def identified_direction(model: PitchModel, state: State, direction: TurnDirection) -> DirectionIdentification:
+def identified_direction(
+    search: GearSearch, model: Model[Problem], direction: TurnDirection
+) -> DirectionIdentification:
     """Everything about one axis turning in one direction."""
-    p = model.problem
-    line = curve(model, state, direction, direction.tests[0])
-    found = _components(model, state, direction)
-    lines = spectrum(model, state, direction, line)
-    variance = np.diag(state.covariance)
+    p, fit = model.problem, model.fit
+    first = direction.tests[0]
+    line = curve(p, fit, direction, first)
+    found = _components(search, model, direction)
+    lines = spectrum(p, fit, direction, line)
     faults = tuple(
-        LocalFault(t.centre / DEG, t.width / DEG, t.height * UNIT / DEG, joint.at_turn(model, direction, t))
-        for t in terms_of(state, direction)
-        if isinstance(t, Fault)
+        LocalFault(e.values["centre_deg"], e.values["width_deg"], -e.values["depth_deg"])
+        for e in acting(fit, "worm_wear", direction)
     )
+    triggers = {p.tests[k].name: fit.parameters.place(TRIGGERS, p.tests[k].recording) for k in direction.tests}
     return DirectionIdentification(
         direction.axis,
         direction.direction,
@@ -48,70 +51,78 @@ def identified_direction(model: PitchModel, state: State, direction: TurnDirecti
         found,
         tuple(alternate(line, [c.order for c in found])),
         faults,
-        _trigger_half_widths(state, variance, [p.tests[k].name for k in direction.tests]),
-        p.tests[direction.tests[0]].feed * 60 / MM,
-        float(np.ptp(p.samples[direction.tests[0]].centre)),
+        {name: 1.96e3 * TRIGGER * float(np.sqrt(fit.covariance[at, at])) for name, at in triggers.items()},
+        p.tests[first].feed * 60 / MM,
+        float(np.ptp(p.samples[first].centre)),
         direction.axis not in p.chain.round_axes,
     )
 
 
-def _trigger_half_widths(state: State, variance: np.ndarray, tests: list[str]) -> dict[str, float]:
-    """Half of the 95 % interval of some tests' triggers, ms."""
-    return {t: float(1.96e3 * TRIGGER * np.sqrt(variance[state.parameters.place(TRIGGERS, t)])) for t in tests}
-
-
-def _components(model: PitchModel, state: State, direction: TurnDirection) -> tuple[Component, ...]:
+def _components(search: GearSearch, model: Model[Problem], direction: TurnDirection) -> tuple[Component, ...]:
     """The waves with their intervals; waves closer than the resolution are one component that cannot be taken apart."""
-    waves = components_of(state, direction)
-    groups: list[list[Wave]] = []
-    for t in waves:
-        if groups and t.order - groups[-1][-1].order < 1.2 * direction.resolution:
-            groups[-1].append(t)
-        else:
-            groups.append([t])
-    places = dict(zip(map(id, state.terms), state.blocks, strict=True))
-    triggers = state.parameters.places(TRIGGERS)
-    out = []
-    for group in groups:
-        main = max(group, key=lambda t: t.amplitude_deg)
-        b = places[id(main)]
-        full = state.covariance[b, b]
-        across = state.covariance[b, triggers]
-        fixed = full - across @ np.linalg.solve(state.covariance[np.ix_(triggers, triggers)], across.T)
-        size, phase = 1.96 * _spread(main, full)
-        _, known = 1.96 * _spread(main, fixed)
-        ci = {
-            "amplitude_deg": (max(0.0, main.amplitude_deg - size), main.amplitude_deg + size),
-            "phase_deg": (main.phase_deg - phase, main.phase_deg + phase),
-        }
-        if main.free_order:
-            half = 1.96 * float(np.sqrt(full[2, 2]))
-            ci["order"] = (main.order - half, main.order + half)
-        multiple = abs(
-            main.order / direction.teeth - round(main.order / direction.teeth)
-        ) * direction.teeth < 0.5 * min(1.0, direction.resolution)
-        rest = tuple(t.order for t in group if t is not main)
-        out.append(
-            Component(
-                main.order,
-                main.amplitude_deg,
-                main.phase_deg,
-                ci,
-                not main.free_order,
-                float(known),
-                bool(multiple),
-                rest,
-            )
-        )
-    return tuple(out)
-
-
-def _spread(t: Wave, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations of amplitude and phase, both in degrees."""
-    v = np.array([t.c, t.s])
-    a = float(np.hypot(*v))
-    along, across = v / a, np.array([-v[1], v[0]]) / a
-    c = covariance[:2, :2]
-    return np.array(
-        [np.sqrt(max(along @ c @ along, 0.0)) * UNIT / DEG, np.degrees(np.sqrt(max(across @ c @ across, 0.0)) / a)]
+    mine = acting(model.fit, "pitch_error", direction)
+    waves = sorted(
+        (row[0], row[1], i, f)
+        for f in model.fit.effects
+        if f.effect in mine
+        for i, row in enumerate(f.effect.values["components"])
+        if row[0] >= direction.teeth
     )
+    groups: list[list[tuple[float, float, int, EffectVector]]] = []
+    for one in waves:
+        if groups and one[0] - groups[-1][-1][0] < 1.2 * direction.resolution:
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return tuple(_component(search, model, direction, group) for group in groups)
+
+
+def _component(
+    search: GearSearch,
+    model: Model[Problem],
+    direction: TurnDirection,
+    group: list[tuple[float, float, int, EffectVector]],
+) -> Component:
+    """The largest wave of a group, with its intervals: a trigger turns its phase, so they are those along it and across
+    it.
+    """
+    fit = model.fit
+    order, _, i, f = max(group, key=lambda one: one[1])
+    _, size, phase = f.effect.values["components"][i]
+    at = fit.parameters.places(f.block.name)[2 * i : 2 * i + 2]
+    triggers = fit.parameters.places(TRIGGERS)
+    full, across = fit.covariance[np.ix_(at, at)], fit.covariance[np.ix_(at, triggers)]
+    fixed = full - across @ np.linalg.solve(fit.covariance[np.ix_(triggers, triggers)], across.T)
+    scale = f.specs["components"].scale
+    along, turned = 1.96 * _spread(phase, full) * scale
+    _, known = 1.96 * _spread(phase, fixed) * scale
+    half = float(np.degrees(turned / size))
+    orders = search.orders_in_place_of(model, f.effect, order)
+    likely = _fewest(orders)
+    ci = {"amplitude_deg": (max(0.0, size - along), size + along), "phase_deg": (phase - half, phase + half)}
+    if len(likely) > 1:
+        ci["order"] = (min(likely), max(likely))
+    return Component(
+        order,
+        size,
+        phase,
+        ci,
+        len(likely) == 1,
+        float(np.degrees(known / size)),
+        order % round(direction.teeth) == 0.0,
+        tuple(n for n, *_ in group if n != order),
+    )
+
+
+def _spread(phase: float, covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations along a wave of this phase (deg) and across it."""
+    c, s = np.cos(phase * DEG), np.sin(phase * DEG)
+    ways = np.array([[c, s], [-s, c]])
+    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", ways, covariance, ways), 0.0))
+
+
+def _fewest(orders: dict[float, float]) -> list[float]:
+    """The fewest orders that hold the truth with the probability of what is told."""
+    ranked = sorted(orders, key=lambda n: -orders[n])
+    reached = np.cumsum([orders[n] for n in ranked])
+    return ranked[: int(np.searchsorted(reached, TOLD)) + 1]
