@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.pitch.directions import TurnDirection
 from mjsim.inference.problem import Problem
 from mjsim.inference.samples import GRID_STEPS
-from mjsim.machine.effect import Effect
 from mjsim.machine.model import build
 from mjsim.units import DEG
 
@@ -30,15 +30,15 @@ class Curve:
     at_reversal: np.ndarray
 
 
-def acting(fit: Fit, kind: str, direction: TurnDirection) -> list[Effect]:
-    """Effects of one kind of a model that act while the axis turns in a direction."""
-    mine = (f.effect for f in fit.effects if f.effect.id == f"{kind}.{direction.axis}")
-    return [e for e in mine if e.values.get("direction", direction.direction) == direction.direction]
+def acting(fit: Fit, kind: str, direction: TurnDirection) -> list[EffectVector]:
+    """Fitted effects of one kind that act while the axis turns in a direction."""
+    mine = (f for f in fit.effects if f.effect.id == f"{kind}.{direction.axis}")
+    return [f for f in mine if f.effect.values.get("direction", direction.direction) == direction.direction]
 
 
 def components_of(fit: Fit, direction: TurnDirection) -> list[list[float]]:
     """The waves of this direction from the tooth order on, by order: order, amplitude and phase in degrees."""
-    rows = [row for e in acting(fit, "pitch_error", direction) for row in e.values["components"]]
+    rows = [row for f in acting(fit, "pitch_error", direction) for row in f.effect.values["components"]]
     return sorted(row for row in rows if row[0] >= direction.teeth)
 
 
@@ -66,7 +66,8 @@ def curve(problem: Problem, fit: Fit, direction: TurnDirection, k: int) -> Curve
     u = (x - x.min()) / np.ptp(x)
     slow = np.arange(int(2.0 * np.ptp(x) / (2 * np.pi) * direction.lowest) + 1)
     low = np.column_stack([np.cos(np.pi * u[:, None] * slow), u])
-    faults = [_bell(x, e.si("centre_deg"), e.si("width_deg")) for e in acting(fit, "worm_wear", direction)]
+    worn = [f.effect for f in acting(fit, "worm_wear", direction)]
+    faults = [_bell(x, e.si("centre_deg"), e.si("width_deg")) for e in worn]
     rows = components_of(fit, direction)
     fast = [side(n * x) for n, _, _ in rows for side in (np.sin, np.cos)]
     design = np.column_stack([low, *faults, *fast])

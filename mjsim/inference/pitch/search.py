@@ -93,9 +93,9 @@ class GearSearch(BarSearch):
         here = self._widths(hypotheses)
         orders = {}
         for g, h in enumerate(hypotheses.all):
-            mine = h.free or h.candidate
-            if h.name == effect.key and mine is not None:
-                orders[g] = mine.effect.values["components"][h.wave or 0][0]
+            of = h.free or h.candidate
+            if h.name == effect.key and of is not None:
+                orders[g] = of.effect.values["components"][h.wave or 0][0]
         mine = next(g for g in here if orders.get(g) == order)
         odds, _ = hypotheses.linear.odds(without(here, mine))
         share = np.exp(odds[[*orders]] - odds[[*orders]].max())

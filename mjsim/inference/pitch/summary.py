@@ -17,6 +17,9 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.search import TOLD, Model
 from mjsim.units import DEG, MM
 
+#: A wave of a fitted pitch error: order, amplitude, which of the components, and the pitch error.
+Wave = tuple[float, float, int, EffectVector]
+
 
 def identified_direction(
     search: GearSearch, model: Model[Problem], direction: TurnDirection
@@ -28,8 +31,8 @@ def identified_direction(
     found = _components(search, model, direction)
     lines = spectrum(p, fit, direction, line)
     faults = tuple(
-        LocalFault(e.values["centre_deg"], e.values["width_deg"], -e.values["depth_deg"])
-        for e in acting(fit, "worm_wear", direction)
+        LocalFault(v["centre_deg"], v["width_deg"], -v["depth_deg"])
+        for v in (f.effect.values for f in acting(fit, "worm_wear", direction))
     )
     triggers = {p.tests[k].name: fit.parameters.place(TRIGGERS, p.tests[k].recording) for k in direction.tests}
     return DirectionIdentification(
@@ -60,15 +63,13 @@ def identified_direction(
 
 def _components(search: GearSearch, model: Model[Problem], direction: TurnDirection) -> tuple[Component, ...]:
     """The waves with their intervals; waves closer than the resolution are one component that cannot be taken apart."""
-    mine = acting(model.fit, "pitch_error", direction)
     waves = sorted(
         (row[0], row[1], i, f)
-        for f in model.fit.effects
-        if f.effect in mine
+        for f in acting(model.fit, "pitch_error", direction)
         for i, row in enumerate(f.effect.values["components"])
         if row[0] >= direction.teeth
     )
-    groups: list[list[tuple[float, float, int, EffectVector]]] = []
+    groups: list[list[Wave]] = []
     for one in waves:
         if groups and one[0] - groups[-1][-1][0] < 1.2 * direction.resolution:
             groups[-1].append(one)
@@ -77,12 +78,7 @@ def _components(search: GearSearch, model: Model[Problem], direction: TurnDirect
     return tuple(_component(search, model, direction, group) for group in groups)
 
 
-def _component(
-    search: GearSearch,
-    model: Model[Problem],
-    direction: TurnDirection,
-    group: list[tuple[float, float, int, EffectVector]],
-) -> Component:
+def _component(search: GearSearch, model: Model[Problem], direction: TurnDirection, group: list[Wave]) -> Component:
     """The largest wave of a group, with its intervals: a trigger turns its phase, so they are those along it and across
     it.
     """
@@ -97,8 +93,7 @@ def _component(
     along, turned = 1.96 * _spread(phase, full) * scale
     _, known = 1.96 * _spread(phase, fixed) * scale
     half = float(np.degrees(turned / size))
-    orders = search.orders_in_place_of(model, f.effect, order)
-    likely = _fewest(orders)
+    likely = _fewest(search.orders_in_place_of(model, f.effect, order))
     ci = {"amplitude_deg": (max(0.0, size - along), size + along), "phase_deg": (phase - half, phase + half)}
     if len(likely) > 1:
         ci["order"] = (min(likely), max(likely))
