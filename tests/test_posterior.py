@@ -68,6 +68,24 @@ def test_a_test_with_more_noise_than_the_others_is_given_more(tests):
     assert sizes.factor == pytest.approx([1.0, 1.5], abs=0.1)
 
 
+def test_the_size_of_a_discrepancy_is_found_from_the_largest_that_is_tried(tests):
+    """Steps outwards from there change nothing."""
+    d, rows = drawn(tests, 0.8e-6, 0.4e-6, 3)
+    near, _ = model(d, rows).tuned(Sizes(0.3e-6, 0.3e-6, np.ones(2)))
+    far, _ = model(d, rows).tuned(Sizes(1e-3, 1e-3, np.ones(2)))
+    assert far.rms == pytest.approx(near.rms, rel=0.2)
+
+
+def test_a_wave_that_is_faster_than_its_harmonics_is_laid_to_the_noise(tests):
+    d, rows = drawn(tests, 0.8e-6, 0.4e-6, 8)
+    amplitude = 24.0  # of the noise
+    for s, at in zip(tests.samples, d.rows, strict=True):
+        rows[at] += amplitude * np.sin(2.0 * np.pi * 63.7 * s.centre / revolution_time(s.test))
+    sizes, _ = model(d, rows).tuned(Sizes(0.3e-6, 0.3e-6, np.ones(2)))
+    assert sizes.rms < amplitude * NOISE
+    assert sizes.factor == pytest.approx(amplitude / np.sqrt(2.0), rel=0.3)
+
+
 def test_whitened_rows_have_independent_errors_of_variance_one(tests):
     d = Discrepancy.of_tests(tests)
     sizes = Sizes(0.5e-6, 0.2e-6, np.array([1.0, 1.3]))

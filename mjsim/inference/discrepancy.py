@@ -330,10 +330,10 @@ class LinearModel:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
         sizes = start
         for side in (0.7, 0.2, 0.2):  # with other noise factors the sizes move little
-            sizes = self._best_sizes(sizes, side)
             factor = self._noise_factors(sizes)
             settled = np.abs(np.log(factor / sizes.factor)).max() < 0.02
-            sizes = replace(sizes, factor=factor)
+            # the noise before the sizes: what is outside the basis would drive them up without end
+            sizes = self._best_sizes(replace(sizes, factor=factor), side)
             if settled:
                 break
         return sizes, self.log_evidence(sizes)
@@ -348,7 +348,7 @@ class LinearModel:
             return replace(start, slow=float(slow), fast=float(fast))
 
         begin = np.log(np.maximum([start.slow, start.fast], 0.03e-6))
-        simplex = begin + side * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        simplex = begin - side * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 60, "initial_simplex": simplex}
         best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
         choices = [best, replace(best, slow=0.0), replace(best, fast=0.0), replace(best, slow=0.0, fast=0.0)]
