@@ -108,7 +108,7 @@ def _searched(
 
     own = [k for k, t in enumerate(problem.tests) if any(tangential(t, a) for a in axes)]
     search = search_on(problem.only(own))
-    model = search.best_from(search.usual_waves())
+    model = search.best_from()
     if not any(kind_of(t).repeats(t) for t in problem.tests):
         noise = residual_noise(search.plain, model.fit)
         if noise is not None:

@@ -49,18 +49,11 @@ class GearSearch(BarSearch):
 
     # -- models --------------------------------------------------------------------------------------------------------
 
-    def best_from(self, effects: Sequence[EffectVector]) -> Model[Problem]:
+    def best_from(self, effects: Sequence[EffectVector] = ()) -> Model[Problem]:
         """The best model that is found from one with these effects."""
         known = {c.key: c for c in calibrated_effects(self.machine) if c.free.effect.id not in self.only}
         model = self._model_with([*(c.free for c in known.values()), *effects], known)
         return self._found(self._searched(model)).model
-
-    def usual_waves(self) -> list[EffectVector]:
-        """Waves that a worm wheel has as a rule in each direction: one and two per tooth. Without these, what a model
-        leaves is so much that it hides the rest.
-        """
-        rows = {w: [[n * w.teeth, 0.0, 0.0] for n in (1.0, 2.0)] for w in self.directions}
-        return [self._waves(w.axis, rows[w], w.direction) for w in self.directions]
 
     def with_common_waves(self, model: Model[Problem], axis: str) -> Model[Problem]:
         """A model with one pitch error of an axis for both directions in the place of one for each."""
