@@ -34,7 +34,7 @@ from mjsim.inference.linear_evidence import WORTH
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell
+from mjsim.inference.search import STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell, number_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of
 from mjsim.inference.unexplained import Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, Curve, best_curves
@@ -482,7 +482,7 @@ class _BarReader(Reader[Problem]):
         ranked = sorted(rows.values(), key=lambda row: -row[0])
         shares = np.exp([e - ranked[0][0] for e, _ in ranked])
         shares /= shares.sum()
-        told = int(np.searchsorted(np.cumsum(shares), TOLD)) + 1
+        told = number_to_tell(shares)
         return [(term, float(p)) for (_, term), p in zip(ranked[:told], shares[:told], strict=True)]
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:

@@ -273,6 +273,15 @@ class Proposal:
     is_enough: bool = True
 
 
+def number_to_tell(shares: np.ndarray) -> int:
+    """How many of several answers are told: the fewest that hold the truth with the probability of what is told.
+
+    Args:
+        shares: Probabilities, the largest first, (n,).
+    """
+    return int(np.searchsorted(np.cumsum(shares), TOLD)) + 1
+
+
 def names_to_tell(rivals: Sequence[tuple[str, E]], evidence: float, own: str = "") -> dict[str, tuple[float, E]]:
     """What is told of rivals of a cause: share of the probability, and model, by id; the fewest that hold the truth
     with the probability of what is told.

@@ -14,7 +14,6 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.inference.bar_search import BarSearch, in_each_direction
 from mjsim.inference.calibration import Calibrated, calibrated_effects
-from mjsim.inference.discrepancy import Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fitter
 from mjsim.inference.hypotheses import Hypotheses
@@ -94,9 +93,9 @@ class GearSearch(BarSearch):
         share = np.exp(odds[[*orders]] - odds[[*orders]].max())
         return dict(zip(orders.values(), (share / share.sum()).tolist(), strict=True))
 
-    def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
+    def _hypotheses(self, model: Model[Problem], curves: bool) -> Hypotheses:
         """Curves of unknown causes do not compete: what is asked is which waves there are."""
-        return super()._beside(model, levels, curves=False)
+        return super()._hypotheses(model, curves=False)
 
     def _further(self, model: Model[Problem], bank: SignatureBank) -> Callable[[list[Row]], Iterable[Offer]]:
         return lambda _: (offer for axis in self.resolution for offer in self._spectral(model, bank, axis))

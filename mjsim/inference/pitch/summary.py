@@ -14,7 +14,7 @@ from mjsim.inference.pitch.result import DirectionIdentification
 from mjsim.inference.pitch.search import GearSearch
 from mjsim.inference.pitch.spectrum import spectrum
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import TOLD, Model
+from mjsim.inference.search import Model, number_to_tell
 from mjsim.units import DEG, MM
 
 #: A wave of a fitted pitch error: order, amplitude, which of the components, and the pitch error.
@@ -93,7 +93,9 @@ def _component(search: GearSearch, model: Model[Problem], direction: TurnDirecti
     along, turned = 1.96 * _spread(phase, full) * scale
     _, known = 1.96 * _spread(phase, fixed) * scale
     half = float(np.degrees(turned / size))
-    likely = _fewest(search.orders_in_place_of(model, f.effect, order))
+    orders = search.orders_in_place_of(model, f.effect, order)
+    likely = sorted(orders, key=lambda n: -orders[n])
+    likely = likely[: number_to_tell(np.array([orders[n] for n in likely]))]
     ci = {"amplitude_deg": (max(0.0, size - along), size + along), "phase_deg": (phase - half, phase + half)}
     if len(likely) > 1:
         ci["order"] = (min(likely), max(likely))
@@ -114,10 +116,3 @@ def _spread(phase: float, covariance: np.ndarray) -> np.ndarray:
     c, s = np.cos(phase * DEG), np.sin(phase * DEG)
     ways = np.array([[c, s], [-s, c]])
     return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", ways, covariance, ways), 0.0))
-
-
-def _fewest(orders: dict[float, float]) -> list[float]:
-    """The fewest orders that hold the truth with the probability of what is told."""
-    ranked = sorted(orders, key=lambda n: -orders[n])
-    reached = np.cumsum([orders[n] for n in ranked])
-    return ranked[: int(np.searchsorted(reached, TOLD)) + 1]
