@@ -23,11 +23,10 @@ from mjsim.instruments.ball_bar.program import Program
 #: Height of a jump between two revolutions, over how far they lie apart: less is a drift, more the machine's own step
 #: (assumed).
 _AS_FAR = (0.5, 2.0)
-#: Two tests are off by the same where one passes so much of the place of the other, and its displacement leaves so much
-#: of the squares of the other (assumed).
-_OVERLAP, _UNLIKE = 0.5, 0.1
-#: Reach of an axis below which a reading does not tell how far it has moved, m/rad; lags that are tried.
-_LEAST_REACH, _LAGS = 1e-3, 21
+#: Lags that are tried between two tests within :attr:`OutlierSettings.same_place`.
+_LAGS = 21
+#: Reach of an axis that counts as none, m/rad.
+_NO_REACH = 1e-9
 
 
 def without_disturbances(
@@ -55,8 +54,7 @@ def without_disturbances(
     for _ in range(settings.most_events):
         found = {k: largest_jump(s, rest[k], noise[k], settings) for k, s in enumerate(samples)}
         jumps = {k: at for k, at in found.items() if at is not None}
-        own = {k: at for k, at in jumps.items() if not _jumps_elsewhere(problem, jumps, k)}
-        accidents = [k for k, at in own.items() if not witnesses.confirm(k, _around(samples[k], at, settings))]
+        accidents = [k for k, at in jumps.items() if not witnesses.confirm(k, _around(samples[k], at, settings))]
         for k in accidents:
             if leave_out_shorter_side(samples[k], jumps[k], rest[k], settings):  # the ball sits anew in what is kept
                 tests[k] = replace(tests[k], setup=f"{tests[k].name} {AFTER_KNOCK}")
@@ -111,7 +109,12 @@ class _Witnesses:
         return self._known[k]
 
     def confirm(self, k: int, at: np.ndarray) -> bool:
-        """Whether another test is off by the same displacement.
+        """Whether another test is off by the same displacement of a rotary axis.
+
+        Two explanations of the other test are compared, pass by pass. What it shows there has nothing to do with the
+        stretch: it is normally distributed with the variance that it has. Or the displacement that the stretch shows is
+        in it, at one of some lags, and the rest is normally distributed. Both have even odds, those of the second
+        shared out over all passes and lags.
 
         Args:
             k: Number of the test.
@@ -120,30 +123,31 @@ class _Witnesses:
         chain, motions = self.problem.motions[k].test.chain, self.problem.motions
         axes = [i for i in map(chain.index, chain.rotary) if motions[k].moves[i]]
         others = [j for j in range(len(motions)) if j != k]
-        return any(self._is_same(k, at, j, i) for i in axes for j in others if motions[j].moves[i])
+        gains = [g for i in axes for j in others if motions[j].moves[i] for g in self._gains(k, at, j, i)]
+        return bool(gains) and max(gains) > np.log(len(gains))
 
-    def _is_same(self, k: int, at: np.ndarray, j: int, i: int) -> bool:
-        """Whether one other test, in one of its passes, is off by the same displacement of one axis."""
-        (places, reaches), (places_j, reaches_j) = self._of(k), self._of(j)
-        place, reach, off = places[at, i], reaches[at, i], self.rest[k][at]
-        low, high, near = place.min(), place.max(), self.problem.settings.outliers.same_place
-        there = self.problem.samples[j].valid & (places_j[:, i] >= low) & (places_j[:, i] <= high)
-        passes, count = stretches(there)
+    def _gains(self, k: int, at: np.ndarray, j: int, i: int) -> list[float]:
+        """Gain in log likelihood of each pass of test ``j`` at each lag, if the displacement of one axis that a stretch
+        of test ``k`` shows is in it.
+        """
+        (places, reaches), (places_j, reaches_j), s = self._of(k), self._of(j), self.problem.samples[j]
+        order = np.flatnonzero(at)[np.argsort(places[at, i])]
+        reach = reaches[order, i]
+        reach = np.where(np.abs(reach) < _NO_REACH, _NO_REACH, reach)
+        place, moved, near = places[order, i], self.rest[k][order] / reach, self.problem.settings.outliers.same_place
+        passes, count = stretches(s.valid & (places_j[:, i] >= place[0]) & (places_j[:, i] <= place[-1]))
+        noise, noise_j = (self.problem.noise_of(n).rms for n in (k, j))
+        seconds = float(np.median(np.diff(s.time))) / self.problem.settings.outliers.correlation
+        out = []
         for g in range(1, count + 1):
-            order = np.flatnonzero(passes == g)
-            order = order[np.argsort(places_j[order, i])]
-            along, lever = places_j[order, i], reaches_j[order, i]
-            if np.ptp(along) < _OVERLAP * (high - low) or np.abs(lever).min() < _LEAST_REACH:
-                continue
-            inside = (place >= along[0]) & (place <= along[-1])
-            mine = off[inside] - off[inside].mean()
+            there = passes == g
+            lever, own = reaches_j[there, i], self.rest[j][there]
             for lag in np.linspace(-near, near, _LAGS):
-                seen = reach[inside] * np.interp(place[inside] + lag, along, self.rest[j][order] / lever)
-                left = mine - (seen - seen.mean())
-                noise = 2.0 * len(left) * self.problem.noise_of(k).rms ** 2  # of both tests
-                if left @ left - noise < _UNLIKE * (mine @ mine - 0.5 * noise):
-                    return True
-        return False
+                seen, spread = (np.interp(places_j[there, i] + lag, place, y) for y in (moved, noise / reach))
+                least = noise_j**2 + float(np.mean((lever * spread) ** 2))
+                left = max(float(np.var(own - lever * seen)), least)
+                out.append(0.5 * there.sum() * seconds * float(np.log(max(own.var(), noise_j**2) / left)))
+        return out
 
 
 def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses: _Witnesses) -> dict[str, int]:
@@ -171,18 +175,6 @@ def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses
 def _around(s: Samples, at: int, settings: OutlierSettings) -> np.ndarray:
     """Samples on both sides of a jump, (n,) bool."""
     return s.valid & (np.abs(s.time - s.time[at]) < settings.side)
-
-
-def _jumps_elsewhere(problem: Problem, jumps: dict[int, int], k: int) -> bool:
-    """Whether another test jumps at the same position of a rotary axis that moves there: then it is no accident."""
-    motion = problem.motions[k]
-    columns = motion.test.chain.rotary_columns
-
-    def place(j: int) -> np.ndarray:
-        return problem.motions[j].program.commands(problem.samples[j].time[[jumps[j]]])[0, columns]
-
-    moving, near = motion.moves[columns], problem.settings.outliers.same_place
-    return any(j != k and (moving & (np.abs(place(j) - place(k)) < near)).any() for j in jumps)
 
 
 # -- outliers ----------------------------------------------------------------------------------------------------------
