@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mjsim.inference.curve_fit import Together, bends, changes, free_shape, orders, simplest_shape
-from mjsim.inference.curve_terms import CurveTerm, hats
+from mjsim.inference.curve_terms import CurveTerm, HatColumns, WaveColumns, hats
 from mjsim.inference.least_squares import LeastSquares
 from mjsim.inference.parameters import Block, Parameters
 from mjsim.inference.unexplained import shape_in_words
@@ -171,7 +171,28 @@ def test_worn_teeth_are_met_one_by_one_and_in_stretches(width):
     damage = np.exp(-0.5 * (from_there * teeth / (width * TURN)) ** 2) * np.cos(teeth * from_there)
     measured = damage + noise * np.random.default_rng(3).standard_normal(720)
     left = []
-    for root in teeth_of(CurveTerm("C", "C", "position", knots, TURN, ()), teeth):
+    for factors in teeth_of(CurveTerm("C", "C", "position", knots, TURN, ()), teeth):
+        cosine, sine = np.split(factors, 2)
+        root = np.cos(teeth * knots)[:, None] * cosine + np.sin(teeth * knots)[:, None] * sine
         sizes = np.linalg.solve(root.T @ root / noise**2 + np.eye(root.shape[1]), root.T @ measured / noise**2)
         left.append(np.sqrt(np.mean((root @ sizes - damage) ** 2)))
     assert min(left) < 0.5 * noise
+
+
+def test_a_wave_of_teeth_is_followed_between_the_knots():
+    """Columns of its size at a few knots per tooth are the wave itself; values at as many knots are far from it."""
+    teeth, knots = 67, np.arange(4 * 67) * (TURN / (4 * 67))
+    places = np.random.default_rng(5).uniform(0.0, 3.0 * TURN, 4000)
+    reach = 2.0 + np.cos(places)
+
+    def hat_columns(wave):
+        return HatColumns([places], [reach * wave(teeth * places)], knots, TURN)
+
+    columns = WaveColumns(hat_columns(np.cos), hat_columns(np.sin))
+    assert len(columns) == 1 and columns[0].shape == (4000, columns.width)
+    sizes = np.repeat([0.6, -0.8], len(knots))  # cos 67q and sin 67q with one size everywhere
+    wave = reach * (0.6 * np.cos(teeth * places) - 0.8 * np.sin(teeth * places))
+    assert np.allclose(columns.sparse(0) @ sizes, wave, rtol=0.0, atol=1e-12)
+    values = HatColumns([places], [reach], knots, TURN)[0]
+    left = wave - values @ np.linalg.lstsq(values, wave, rcond=None)[0]
+    assert np.std(left) > 0.05 * np.std(wave)

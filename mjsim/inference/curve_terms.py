@@ -8,12 +8,12 @@ the angle of the ball about the axis adds.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, hstack
 
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
@@ -37,6 +37,7 @@ KNOTS = {
 }
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
 _FINE = 720  # of one turn, where single teeth are to be seen
+_PER_TOOTH = 4  # where the size of its wave is what changes
 _IN_LEAD = 12  # of a linear axis' position within one turn of its screw
 #: A rotary axis that covers as much goes round, rad.
 ROUND = 1.9 * np.pi
@@ -78,7 +79,8 @@ class CurveTerm:
         axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, one of
             :data:`TABLE`, or :data:`RADIAL`.
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
-        columns: per test (m, k) block means, m per unit of :attr:`unit`. signed: times the direction of motion.
+        columns: per test (m, k) block means, m per unit of :attr:`unit`; of a wave twice as many as there are knots.
+        signed: times the direction of motion.
         gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. shape: what
             the coefficients follow, as in :mod:`mjsim.inference.curve_fit`.
     """
@@ -88,7 +90,7 @@ class CurveTerm:
     variable: str
     knots: np.ndarray
     period: float | None
-    columns: HatColumns
+    columns: HatColumns | WaveColumns
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -234,6 +236,28 @@ class CurveTerms:
                 axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x
             )
 
+    def waves(self, axis: str, teeth: float) -> Iterator[CurveTerm]:
+        """The wave of a worm wheel's teeth, whose size changes over the position of the axis.
+
+        Args:
+            axis: A rotary one.
+            teeth: Of its wheel.
+        """
+        x, per_turn = self.loads(axis), int(_PER_TOOTH * teeth)
+        lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+        if hi - lo > ROUND:
+            knots, period = np.arange(per_turn) * (2 * np.pi / per_turn), 2 * np.pi
+        else:
+            knots, period = np.linspace(lo, hi, int(per_turn * (hi - lo) / (2 * np.pi)) + 2), None
+        if not self._is_seen(axis):
+            return
+
+        def factor_of(wave: Callable[[np.ndarray], np.ndarray]) -> HatColumns:
+            reach = [s[axis] * unit_of(axis) for s in self.sensitivities]
+            return HatColumns(x, [w * wave(teeth * v) for w, v in zip(reach, x, strict=True)], knots, period)
+
+        yield CurveTerm(axis, axis, "position", knots, period, WaveColumns(factor_of(np.cos), factor_of(np.sin)))
+
     def loads(self, axis: str) -> list[np.ndarray]:
         """Where the load side of an axis is, block means (m,) per test."""
         i = self.chain.index(axis)
@@ -256,7 +280,7 @@ class CurveTerms:
     def _term(
         self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]
     ) -> Iterator[CurveTerm]:
-        if not any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities):
+        if not self._is_seen(moves):
             return
         if variable in SLOW:
             weights, averages = [s[moves] * unit_of(moves) for s in self.sensitivities], None
@@ -268,6 +292,10 @@ class CurveTerms:
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
         columns = HatColumns(values, weights, knots, period, averages)
         yield CurveTerm(axis, moves, variable, knots, period, columns)
+
+    def _is_seen(self, moves: str) -> bool:
+        """Whether a reading changes when ``moves`` is displaced."""
+        return any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities)
 
     def _values(self, axis: str, variable: str) -> list[np.ndarray]:
         """A variable of an axis along every test, as block means or on the GRID."""
@@ -311,10 +339,43 @@ class HatColumns(Sequence[np.ndarray]):
     def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
         return self.sparse(k).toarray()
 
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.knots)
+
     def sparse(self, k: int) -> csr_array:
         """The columns of test ``k``: a block lies between two knots."""
         rows = csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
         return rows if self.averages is None else csr_array(self.averages[k] @ rows)
+
+
+@dataclass(frozen=True)
+class WaveColumns(Sequence[np.ndarray]):
+    """Columns of a wave whose size changes from place to place: by the factors of its cosine and of its sine. Values at
+    knots would need dozens of these in each period.
+
+    Attributes:
+        cosine, sine: of both factors.
+    """
+
+    cosine: HatColumns
+    sine: HatColumns
+
+    def __len__(self) -> int:
+        return len(self.cosine)
+
+    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
+        return self.sparse(k).toarray()
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.cosine.width + self.sine.width
+
+    def sparse(self, k: int) -> csr_array:
+        """The columns of test ``k``."""
+        return csr_array(hstack([self.cosine.sparse(k), self.sine.sparse(k)]))
 
 
 def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> csr_array:

@@ -475,7 +475,8 @@ class _BarReader(Reader[Problem]):
         rows: dict[tuple, tuple[float, CurveTerm]] = {}
         terms = CurveTerms(problem, beside)
         for c in (curve, *itertools.islice(others, _OTHERS)):
-            objective, term = _with_enough_knots(terms, c.term)
+            told = c.term if c.prior != "teeth" else next(terms.fine(c.term.axis))  # its values, not the wave's sizes
+            objective, term = _with_enough_knots(terms, told)
             key, evidence = (term.axis, term.moves, term.variable), c.log_odds - 0.5 * objective
             if key not in rows or evidence > rows[key][0]:  # one variable with another period is the same answer
                 rows[key] = evidence, term
@@ -486,8 +487,8 @@ class _BarReader(Reader[Problem]):
         return [(term, float(p)) for (_, term), p in zip(ranked[:told], shares[:told], strict=True)]
 
     def _values(self, fit: Fit) -> Iterator[tuple[Curve, tuple[np.ndarray, np.ndarray]]]:
-        """Every curve of the model with its values at the knots, over their mean, and the standard deviations of these,
-        all fitted together.
+        """Every curve of the model with how far it displaces at its knots, and the standard deviations of that, all
+        fitted together.
         """
         model, base = self.model, self.model.base
         fitter = self.search.fitter.with_problem(base)
@@ -500,7 +501,7 @@ class _BarReader(Reader[Problem]):
         first = 0
         for c in model.curves:
             at = slice(first, first + c.columns.shape[1])
-            root = c.over_mean * c.width
+            root = c.displacing(sizes[at]) * c.width
             yield c, (root @ sizes[at], np.sqrt(np.einsum("ij,jk,ik->i", root, covariance[at, at], root)))
             first = at.stop
 

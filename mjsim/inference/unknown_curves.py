@@ -14,6 +14,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
 from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms, radial_curves
@@ -88,11 +89,19 @@ class Curve:
         """Whether it is in the model."""
         return self.width > 0.0
 
-    @property
-    def over_mean(self) -> np.ndarray:
-        """Root of its values over their mean, which set-up and locations can take up, (knots, k). One that settles has
-        no mean that anything takes up.
+    def displacing(self, x: np.ndarray) -> np.ndarray:
+        """What makes of coefficients how far the curve displaces at each knot, (knots, k).
+
+        That is its value over the mean, which set-up and locations can take up; one that settles has no mean that
+        anything takes up. A wave displaces by its amplitude, over the mean that a pitch error can take up.
+
+        Args:
+            x: Coefficients near which it is asked for, (k,): they say the phase of a wave.
         """
+        if self.prior == "teeth":
+            cosine, sine = (factor - factor.mean(axis=0) for factor in np.split(self.root, 2))
+            phase = np.arctan2(sine @ x, cosine @ x)[:, None]
+            return np.cos(phase) * cosine + np.sin(phase) * sine
         return self.root if self.term.settles else self.root - self.root.mean(axis=0)
 
     @property
@@ -146,18 +155,22 @@ def lobes_of(term: CurveTerm, lobes: int) -> np.ndarray:
 
 
 def teeth_of(term: CurveTerm, teeth: float) -> Iterator[np.ndarray]:
-    """Roots of the priors of worn teeth, (knots, k) each: waves of the tooth's period whose size changes from place to
-    place, over one tooth or more.
+    """Roots of the priors of worn teeth: waves of the tooth's period whose size changes from place to place, over one
+    tooth or more.
 
     Args:
-        term: A fine curve of the axis' position.
+        term: The wave of the teeth.
         teeth: Of the wheel.
+
+    Yields:
+        From normal coefficients to the factors of the wave's cosine and sine at the knots, (2 knots, k).
     """
     apart = np.abs(term.knots[:, None] - term.knots)
     if term.period:
         apart = np.minimum(apart, term.period - apart)
     for stretch in (2.0 * math.pi / teeth, *_STRETCHES):
-        yield _root(np.exp(-0.5 * (apart / stretch) ** 2) * np.cos(teeth * apart))
+        root = _root(np.exp(-0.5 * (apart / stretch) ** 2))
+        yield np.asarray(block_diag(root, root))
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:
@@ -226,11 +239,12 @@ def best_curves(
                 compete(term, known, "lobes", lobes_of(term, lobes), odds - math.log(len(_LOBES)))
     for axis in (a for a in plain.chain.rotary if a in tried):
         odds = _LOG_ODDS - math.log(3 * tried[axis])
-        for term in terms.fine(axis):
+        teeth = fit.base.drives[axis].gear
+        for term in terms.waves(axis, teeth):
             if not competes(term):
                 continue
             known = linear.of(term)
-            for root in teeth_of(term, fit.base.drives[axis].gear):
+            for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
     return [
         (found, Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds))
@@ -268,10 +282,10 @@ class _BesideModel:
             self._shared.append(back @ whitening.of_test(k, shared[at]))
 
     def of(self, term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
-        """Information (knots, knots) and score (knots,) that the data hold about a curve once the model has taken up
-        what it can.
+        """Information (k, k) and score (k,) that the data hold about the columns of a curve, most often its values at
+        the knots, once the model has taken up what it can.
         """
-        m, design, n = len(term.knots), self.fit.design, self.fit.design.nuisances
+        m, design, n = term.columns.width, self.fit.design, self.fit.design.nuisances
         own, cross, score = np.zeros((m, m)), np.zeros((design.shape[1], m)), np.zeros(m)
         together = np.zeros((m, self._shared[0].shape[1]))
         for k, (places, block) in enumerate(design.blocks):
