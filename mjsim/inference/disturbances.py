@@ -25,7 +25,7 @@ from mjsim.instruments.ball_bar.program import Program
 _AS_FAR = (0.5, 2.0)
 #: Lags that are tried between two tests within :attr:`OutlierSettings.same_place`.
 _LAGS = 21
-#: Reach of an axis that counts as none, m/rad.
+#: Reach of an axis that counts as none, m/rad (assumed).
 _NO_REACH = 1e-9
 
 

@@ -36,7 +36,8 @@ class OutlierSettings:
         jump: Its least height, standard deviations of the difference of these means.
         least_jump: Its least height, m.
         jump_alone: Its least height where nothing repeats, over the test's own 90 % quantile.
-        same_place: Jumps of several tests within this of one position of a rotary axis are the machine's, rad.
+        same_place: A displacement of a rotary axis in several tests is the machine's where it lies within this of one
+            position, rad.
         correlation: Successive seconds of the noise that are one independent value, s.
     """
 
