@@ -228,13 +228,7 @@ class CurveTerms:
         need be. At such a wave the axis lags behind its command by much of a period.
         """
         x = self.loads(axis)
-        if max(np.ptp(v) for v in x) > ROUND:
-            yield from self._term(axis, axis, "position", np.arange(_FINE) * (2 * np.pi / _FINE), 2 * np.pi, x)
-        else:
-            lo, hi = min(v.min() for v in x), max(v.max() for v in x)
-            yield from self._term(
-                axis, axis, "position", np.linspace(lo, hi, int(_FINE * (hi - lo) / (2 * np.pi)) + 2), None, x
-            )
+        yield from self._term(axis, axis, "position", *_knots_of_turn(x, _FINE), x)
 
     def waves(self, axis: str, teeth: float) -> Iterator[CurveTerm]:
         """The wave of a worm wheel's teeth, whose size changes over the position of the axis.
@@ -243,14 +237,10 @@ class CurveTerms:
             axis: A rotary one.
             teeth: Of its wheel.
         """
-        x, per_turn = self.loads(axis), int(_PER_TOOTH * teeth)
-        lo, hi = min(v.min() for v in x), max(v.max() for v in x)
-        if hi - lo > ROUND:
-            knots, period = np.arange(per_turn) * (2 * np.pi / per_turn), 2 * np.pi
-        else:
-            knots, period = np.linspace(lo, hi, int(per_turn * (hi - lo) / (2 * np.pi)) + 2), None
         if not self._is_seen(axis):
             return
+        x = self.loads(axis)
+        knots, period = _knots_of_turn(x, int(_PER_TOOTH * teeth))
 
         def factor_of(wave: Callable[[np.ndarray], np.ndarray]) -> HatColumns:
             reach = [s[axis] * unit_of(axis) for s in self.sensitivities]
@@ -309,6 +299,19 @@ class CurveTerms:
         return [
             s.averages(len(m.time), self._shift(k)) for k, (s, m) in enumerate(zip(samples, self.on_grid, strict=True))
         ]
+
+
+def _knots_of_turn(x: Sequence[np.ndarray], per_turn: int) -> tuple[np.ndarray, float | None]:
+    """Knots of a rotary axis' position, rad, and its period where it goes round.
+
+    Args:
+        x: Where the axis is, per test, rad.
+        per_turn: Knots of a whole turn.
+    """
+    if max(np.ptp(v) for v in x) > ROUND:
+        return np.arange(per_turn) * (2 * np.pi / per_turn), 2 * np.pi
+    lo, hi = min(v.min() for v in x), max(v.max() for v in x)
+    return np.linspace(lo, hi, int(per_turn * (hi - lo) / (2 * np.pi)) + 2), None
 
 
 def _next(x: np.ndarray) -> np.ndarray:

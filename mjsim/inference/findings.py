@@ -475,8 +475,8 @@ class _BarReader(Reader[Problem]):
         rows: dict[tuple, tuple[float, CurveTerm]] = {}
         terms = CurveTerms(problem, beside)
         for c in (curve, *itertools.islice(others, _OTHERS)):
-            told = c.term if c.prior != "teeth" else next(terms.fine(c.term.axis))  # its values, not the wave's sizes
-            objective, term = _with_enough_knots(terms, told)
+            values = c.term if c.prior != "teeth" else next(terms.fine(c.term.axis))  # of the wave, not its sizes
+            objective, term = _with_enough_knots(terms, values)
             key, evidence = (term.axis, term.moves, term.variable), c.log_odds - 0.5 * objective
             if key not in rows or evidence > rows[key][0]:  # one variable with another period is the same answer
                 rows[key] = evidence, term
