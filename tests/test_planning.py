@@ -13,7 +13,7 @@ from mjsim.cli.main import main
 from mjsim.effects.registry import make
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import usual_noise
-from mjsim.inference.planning.candidates import first_round, neighbours, reachable
+from mjsim.inference.planning.candidates import Reach, first_round, neighbours, reachable
 from mjsim.inference.planning.next_test import worth
 from mjsim.inference.planning.separation import Explanation, Separation, Separator
 from mjsim.inference.settings import PLAN
@@ -51,7 +51,8 @@ def test_a_test_as_a_table_reads_back(tmp_path):
 def test_out_of_reach_is_not_offered(cone, circle):
     assert reachable(cone(15, 10, (50, 0, 155), revolutions=2))
     assert not reachable(circle("XY", (900, 0, 155)))
-    assert reachable(circle("XY", (900, 0, 155)), [circle("XY", (950, 0, 155))])  # the campaign has been there
+    far = circle("XY", (900, 0, 155))
+    assert Reach(far.chain, [circle("XY", (950, 0, 155))]).holds(far)  # the campaign has been there
     assert not reachable(cone(15, 10, (50, 0, 155), feed=60000.0))
 
 
@@ -144,7 +145,7 @@ def test_nothing_may_be_named_first(monkeypatch, circle):
     """Without traces as with them: the plan makes the effect show."""
     made = Separation(circle("XY", (0, 0, 155)), 10 * PLAN.decisive, 1e-6)
     monkeypatch.setattr(
-        "mjsim.inference.planning.next_test.choose", lambda separator, tests, threads, progress, settings: ([made], 1)
+        "mjsim.inference.planning.next_test.choose", lambda separator, threads, progress, settings: ([made], 1)
     )
     campaign = replace(read_campaign(examples() / "healthy", traces=False), traces={})
     plan = mjsim.plan(campaign, mjsim.read_machine(campaign.machine_file), between=("nothing", "squareness.XY"))

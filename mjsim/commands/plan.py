@@ -28,6 +28,7 @@ from mjsim.inference.fit import Fitter
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.noise import usual_noise
 from mjsim.inference.planning.at_rest import PlannedTest
+from mjsim.inference.planning.candidates import Reach
 from mjsim.inference.planning.next_test import NOTHING, Plan, best_of, plan_for, typical, worth
 from mjsim.inference.planning.separation import Explanation, competing_of
 from mjsim.inference.posterior import CompetingModel, Posterior
@@ -76,6 +77,7 @@ def plan_bars(
         )
     if between is not None and NOTHING in between:
         between = (ids[0], NOTHING)
+    reach = Reach(machine.chain, campaign.tests)
     if not campaign.measured:
         if between is None:
             raise InputError(
@@ -83,7 +85,7 @@ def plan_bars(
                 f"(--between A B)"
             )
         pair = _by_default(between[0], machine), _by_default(between[1], machine)
-        return best_of(between, pair, campaign, usual_noise(), BLOCKS[0], threads, progress, settings.plan)
+        return best_of(between, pair, reach, usual_noise(), BLOCKS[0], threads, progress, settings.plan)
     progress("preparing", 0, 1)
     problem = checked_problem(campaign, machine, threads, settings=settings)
     separated = separate(problem, machine)
@@ -99,7 +101,7 @@ def plan_bars(
         first, second = (Explanation.of_fit(i, fit) for i, fit in zip(between, fits, strict=True))
         pair = first, second
     block = problem.samples[0].block
-    return best_of(between, pair, campaign, problem.noise, block, threads, progress, problem.settings.plan)
+    return best_of(between, pair, reach, problem.noise, block, threads, progress, problem.settings.plan)
 
 
 def _by_default(effect_id: str, machine: Machine) -> Explanation:

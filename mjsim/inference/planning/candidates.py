@@ -4,7 +4,7 @@ ball-bar campaign.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from itertools import product
 
@@ -14,23 +14,60 @@ from mjsim.inference.settings import PLAN
 from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program, commanded_speed
+from mjsim.instruments.base import table_of
 from mjsim.instruments.r_test.measurement import SphereReading
 from mjsim.machine.chain import COORDINATES, Chain, usual_speed, usual_travel
+from mjsim.simulation.axes import AxesMotion, motions_of
 from mjsim.units import DEG, MM
 
 #: Feeds that are looked at, m/s: all of them around the best tests, and two in the first round.
 FEEDS = tuple(f * MM / 60.0 for f in (500, 1000, 2000, 4000, 6000))
 FIRST_FEEDS = (FEEDS[1], FEEDS[3])
+#: Motions that are kept of each axis of a test: two explanations differ in few drives.
+_KEPT = 4
 
 
-def reachable(test: BallBarTest, tests: Iterable[BallBarTest] = ()) -> bool:
-    """Whether the axes' travel and speed allow a test; what the campaign's own ``tests`` reach is allowed as well."""
-    low, high = usual_travel(test.chain).T
-    for other in tests:
-        q = _commands(other)
-        low, high = np.minimum(low, q.min(axis=0)), np.maximum(high, q.max(axis=0))
-    q, speed = commanded_speed(test)
-    return bool((q >= low - 1e-9).all() and (q <= high + 1e-9).all() and (speed <= usual_speed(test.chain)).all())
+class Reach:
+    """What a machine can measure next to the tests of a campaign: what the travel and speed of its axes allow, and what
+    these tests reach. The motions of a test are the same whatever it is asked to tell apart, and are kept.
+
+    Args:
+        chain: Axes of the machine.
+        tests: Of the campaign.
+    """
+
+    def __init__(self, chain: Chain, tests: Sequence[BallBarTest] = ()) -> None:
+        self.tests = tuple(tests)
+        low, high = usual_travel(chain).T
+        for other in tests:
+            q = _commands(other)
+            low, high = np.minimum(low, q.min(axis=0)), np.maximum(high, q.max(axis=0))
+        self._low, self._high, self._speed = low - 1e-9, high + 1e-9, usual_speed(chain)
+        self._holds: dict[str, bool] = {}
+        self._motions: dict[str, tuple[AxesMotion, ...]] = {}
+
+    def holds(self, test: BallBarTest) -> bool:
+        """Whether a test is within reach."""
+        key = key_of(test)
+        if key not in self._holds:
+            q, speed = commanded_speed(test)
+            is_near = bool((q >= self._low).all() and (q <= self._high).all())
+            self._holds[key] = is_near and bool((speed <= self._speed).all())
+        return self._holds[key]
+
+    def motions(self, test: BallBarTest) -> tuple[AxesMotion, ...]:
+        """Motions of the axes in the readings of a test."""
+        return self._motions.setdefault(key_of(test), motions_of(test.readings, _KEPT, light=True))
+
+
+def key_of(test: BallBarTest) -> str:
+    """What two tests have in common that are measured alike."""
+    return str({k: v for k, v in table_of(test).items() if k not in ("name", "setup")})
+
+
+def reachable(test: BallBarTest) -> bool:
+    """Whether the axes' travel and speed allow a test."""
+    return Reach(test.chain).holds(test)
 
 
 def _commands(test: BallBarTest) -> np.ndarray:

@@ -6,13 +6,12 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import Noise
 from mjsim.inference.outcome import Selection
-from mjsim.inference.planning.candidates import axis_speeds, first_round, minutes, neighbours, reachable
+from mjsim.inference.planning.candidates import Reach, axis_speeds, first_round, key_of, minutes, neighbours
 from mjsim.inference.planning.separation import Explanation, Separation, Separator
 from mjsim.inference.problem import Problem
 from mjsim.inference.settings import PLAN, PlanSettings
@@ -37,7 +36,6 @@ def worth(s: Separation, settings: PlanSettings = PLAN) -> tuple[float, float]:
 
 def choose(
     separator: Separator,
-    tests: tuple[BallBarTest, ...],
     threads: int = 2,
     progress: Progress = silent,
     settings: PlanSettings = PLAN,
@@ -48,8 +46,7 @@ def choose(
     worked out only where it could be worth more than the best ones, when its set-up alone adapts.
 
     Args:
-        separator: Of the two explanations.
-        tests: The campaign's tests (bar, height of the table ball, what the axes are known to reach).
+        separator: Of the two explanations, with what can be measured next to a campaign's tests.
         threads: Tests that are looked at side by side.
         progress: Called as work gets on.
         settings: What decides.
@@ -58,7 +55,7 @@ def choose(
     found: list[Separation] = []
 
     def evaluate(candidates: Iterable[BallBarTest], stage: str) -> None:
-        fresh = {key(t): t for t in candidates if key(t) not in looked_at and reachable(t, tests)}
+        fresh = {key_of(t): t for t in candidates if key_of(t) not in looked_at and separator.reach.holds(t)}
         looked_at.update(fresh)
         most = []
         for n, (t, deviance) in enumerate(zip(fresh.values(), pool.map(separator.most, fresh.values()), strict=True)):
@@ -72,14 +69,11 @@ def choose(
             found.sort(key=value, reverse=True)
             del most[:threads]
 
-    def key(t: BallBarTest) -> str:
-        return str({k: v for k, v in table_of(t).items() if k not in ("name", "setup")})
-
     def value(s: Separation) -> tuple[float, float]:
         return worth(s, settings)
 
     with ThreadPoolExecutor(threads) as pool:
-        evaluate(first_round(tests), "planning: all kinds of tests")
+        evaluate(first_round(separator.reach.tests), "planning: all kinds of tests")
         for _ in range(settings.rounds):
             evaluate([n for s in found[: settings.refined] for n in neighbours(s.test)], "planning: around the best")
     return found, len(looked_at)
@@ -152,7 +146,8 @@ def plan_for(
         progress: Called as work gets on.
         hidden: Also where nothing is ambiguous, for what is not testable.
     """
-    args = (problem.campaign, problem.noise, problem.samples[0].block, threads, progress, problem.settings.plan)
+    reach = Reach(problem.chain, problem.campaign.tests)
+    args = (reach, problem.noise, problem.samples[0].block, threads, progress, problem.settings.plan)
     undecided = []
     for f in selection.found:
         for other, fit in f.competing.items():
@@ -178,15 +173,15 @@ def plan_for(
 def best_of(
     between: tuple[str, str],
     explanations: tuple[Explanation, Explanation],
-    campaign: Campaign,
+    reach: Reach,
     noise: Noise,
     block: float,
     threads: int,
     progress: Progress,
     settings: PlanSettings = PLAN,
 ) -> Plan:
-    separator = Separator(*explanations, noise, block)
-    choices, reached = choose(separator, campaign.tests, threads, progress, settings)
+    separator = Separator(*explanations, noise, block, reach)
+    choices, reached = choose(separator, threads, progress, settings)
     a, b = between
     what = f"makes {a} show" if b == NOTHING else f"separates {a} from {b}"
     best = choices[0]

@@ -20,13 +20,14 @@ from mjsim.inference.linearisation import Linearisation
 from mjsim.inference.noise import Noise
 from mjsim.inference.nuisance import BAR_LENGTH, NEST, TRIGGER, instrument_blocks, set_up_columns, set_up_sizes
 from mjsim.inference.parameters import Block, Parameters
+from mjsim.inference.planning.candidates import Reach
 from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.problem import KeptChanges, sheet_grid, sheet_plants
 from mjsim.inference.samples import BLOCKS, GRID_STEPS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
-from mjsim.simulation.axes import AxesMotion, motions_of
+from mjsim.simulation.axes import AxesMotion
 
 _STEP = 0.02
 #: Prior width of an effect's parameters where nothing was measured, typical sizes.
@@ -121,10 +122,26 @@ class Unmeasured:
 
 
 class Separator:
-    """Separations of two explanations by tests, under one noise model."""
+    """Separations of two explanations by tests, under one noise model.
 
-    def __init__(self, truth: Explanation, other: Explanation, noise: Noise, block: float = BLOCKS[0]) -> None:
+    Args:
+        truth: The one that is taken for true.
+        other: The one that adapts.
+        noise: Of the instrument.
+        block: Length of the blocks whose means are compared, s.
+        reach: What can be measured.
+    """
+
+    def __init__(
+        self,
+        truth: Explanation,
+        other: Explanation,
+        noise: Noise,
+        block: float = BLOCKS[0],
+        reach: Reach | None = None,
+    ) -> None:
         self.truth, self.other, self.noise, self.block = truth, other, noise, block
+        self.reach = reach or Reach(truth.base.chain)
         self._plants = build(truth.machine), build(other.machine)
         axes = {f.effect.subject for f in (*truth.effects, *other.effects)}
         self._moved = sheet_plants(other.machine, axes)
@@ -139,7 +156,7 @@ class Separator:
 
     def _adapted(self, test: BallBarTest, lasting: bool) -> Separation:
         """One test when the second explanation has adapted its set-up, and with ``lasting`` all that it may."""
-        parts = [self._seen_by(motion, lasting) for motion in motions_of(test.readings, 12)]
+        parts = [self._seen_by(motion, lasting) for motion in self.reach.motions(test)]
         d, J, rows = (np.concatenate(x) for x in zip(*parts, strict=True))
         dw, Jw = rows[:, 0], rows[:, 1:]
         adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
