@@ -217,13 +217,13 @@ class Products:
 
     Args:
         discrepancy: Of the tests.
-        columns: Whitened by the campaign's noise alone, (count, p).
+        columns: Whitened by the campaign's noise alone, (count, p). Their products are kept.
     """
 
     def __init__(self, discrepancy: Discrepancy, columns: np.ndarray) -> None:
         self.discrepancy, self.blocks = discrepancy, [columns]
-        self.gram = [columns[at].T @ columns[at] for at in discrepancy.rows]
-        self.along = [basis.T @ columns[at] for basis, at in discrepancy.tests]
+        self._gram = [columns[at].T @ columns[at] for at in discrepancy.rows]
+        self._along = [basis.T @ columns[at] for basis, at in discrepancy.tests]
 
     @property
     def width(self) -> int:
@@ -233,10 +233,9 @@ class Products:
     def along_more(self, discrepancy: Discrepancy) -> Products:
         """The same for a discrepancy whose basis has further directions behind those of this one."""
         out = copy(self)
-        out.discrepancy, out.along = discrepancy, []
-        for known, (basis, at) in zip(self.along, discrepancy.tests, strict=True):
-            more = basis[:, len(known) :].T
-            out.along.append(np.vstack([known, np.hstack([more @ b[at] for b in self.blocks])]))
+        out.discrepancy, out._along = discrepancy, []
+        for known, (basis, at) in zip(self._along, discrepancy.tests, strict=True):
+            out._along.append(np.vstack([known, basis[:, len(known) :].T @ self.blocks[0][at]]))
         return out
 
     def extended(self, *blocks: np.ndarray) -> Products:
@@ -244,13 +243,23 @@ class Products:
         they are.
         """
         out = copy(self)
-        out.blocks, out.gram, out.along = [*self.blocks, *blocks], [], []
-        for k, (basis, at) in enumerate(self.discrepancy.tests):
-            own = np.hstack([b[at] for b in blocks])
-            cross = np.vstack([b[at].T @ own for b in self.blocks])
-            out.gram.append(np.block([[self.gram[k], cross], [cross.T, own.T @ own]]))
-            out.along.append(np.hstack([self.along[k], basis.T @ own]))
+        out.blocks = [*self.blocks, *blocks]
         return out
+
+    def of_test(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places of the columns that reach a test, (n,); their products, (n, n); and those with its basis, (m, n)."""
+        basis, at = self.discrepancy.basis[k], self.discrepancy.rows[k]
+        first, *more = [b[at] for b in self.blocks]
+        live = np.flatnonzero(np.diag(self._gram[k]))
+        gram, along = self._gram[k][np.ix_(live, live)], self._along[k][:, live]
+        if not more:
+            return live, gram, along
+        own = np.hstack(more)
+        seen = np.flatnonzero(own.any(axis=0))
+        own = own[:, seen]
+        cross = first[:, live].T @ own
+        gram = np.block([[gram, cross], [cross.T, own.T @ own]])
+        return np.append(live, first.shape[1] + seen), gram, np.hstack([along, basis.T @ own])
 
 
 class LinearModel:
@@ -261,38 +270,48 @@ class LinearModel:
         residual: Whitened by the campaign's noise alone, (count,).
         precision: Prior precisions of the parameters, (p,).
         departure: How far they are from their prior means, (p,).
+        only: The sizes that it is asked about, where no others are: products of single tests fill hundreds of MB where
+            there are many columns, and are not kept then.
     """
 
-    def __init__(self, products: Products, residual: np.ndarray, precision: np.ndarray, departure: np.ndarray) -> None:
+    def __init__(
+        self,
+        products: Products,
+        residual: np.ndarray,
+        precision: np.ndarray,
+        departure: np.ndarray,
+        only: Sequence[Sizes] = (),
+    ) -> None:
         self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
         self.precision, self.departure = precision, departure
         # set-up and trigger of one test are in no other: only the columns that reach a test are worked with there
         self._live, self._along, self._across = [], [], []
+        factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
+        self._summed = {key: np.zeros((products.width + 1,) * 2) for key in factors}
         for k, (basis, at) in enumerate(self.discrepancy.tests):
-            live = np.flatnonzero(np.diag(products.gram[k]))
+            live, gram, along = products.of_test(k)
             score = np.concatenate([b[at].T @ residual[at] for b in products.blocks])[live]
-            along = np.column_stack([products.along[k][:, live], basis.T @ residual[at]])
-            whole = np.block(
-                [
-                    [products.gram[k][np.ix_(live, live)], score[:, None]],
-                    [score, np.atleast_1d(residual[at] @ residual[at])],
-                ]
-            )
+            whole = np.block([[gram, score[:, None]], [score, np.atleast_1d(residual[at] @ residual[at])]])
+            along = np.column_stack([along, basis.T @ residual[at]])
+            across = whole - along.T @ along
             self._live.append(np.append(live, products.width))  # the residual is the last column
             self._along.append(along)
-            self._across.append(whole - along.T @ along)
-        self._summed: tuple[bytes, np.ndarray] = b"", np.zeros(0)
+            if not only:
+                self._across.append(across)
+            for key, factor in factors.items():
+                self._summed[key][np.ix_(self._live[k], self._live[k])] += across / factor[k] ** 2
 
     def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
         """Products of columns and residual across the basis of the discrepancy, where there is only noise, (p + 1,
         p + 1); kept for the next sizes with the same factors.
         """
-        if self._summed[0] != factor.tobytes():
+        key = factor.tobytes()
+        if key not in self._summed:
             total = np.zeros((self.products.width + 1,) * 2)
             for live, across, f in zip(self._live, self._across, factor, strict=True):
                 total[np.ix_(live, live)] += across / f**2
-            self._summed = factor.tobytes(), total
-        return self._summed[1]
+            self._summed = {key: total}
+        return self._summed[key]
 
     def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
         """Products with the inverse covariance between the rows.

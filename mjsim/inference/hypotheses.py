@@ -314,7 +314,7 @@ class Hypotheses:
             c = h.candidate
             return None if c is None else lambda x: feasible_share(machine, x, c) >= 1.0
 
-        model = LinearModel(products, residual, np.ones(products.width), np.zeros(products.width))
+        model = LinearModel(products, residual, np.ones(products.width), np.zeros(products.width), levels)
         columns = [*((h, width + at) for h, at in inside), *rows]
         places = np.concatenate([width + always, width + uncertain, *(at for _, at in columns)])
         scale = [np.ones(len(always)), *(sd for _, sd in again)]

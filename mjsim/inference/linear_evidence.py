@@ -91,6 +91,11 @@ class LinearEvidence:
         self._known: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
         self._curves: dict[frozenset[tuple[int, float]], _Beside] = {}
 
+    def forget(self) -> None:
+        """Give back what is kept of sets: GB where they have curves."""
+        self._known.clear()
+        self._curves.clear()
+
     def _columns(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """Places and prior precisions of the coefficients of a set."""
         if not chosen:

@@ -462,6 +462,7 @@ class Search(Ascent[Model[D]]):
             levels = [model.sizes]
             if not model.leaves_nothing:
                 levels += [model.sizes.times(share) for share in _LEVELS]
+            self._last = None  # the columns of the one before fill hundreds of MB
             self._last = model, curves, self._beside(model, levels, curves)
         return self._last[2]
 
@@ -503,6 +504,7 @@ class Search(Ascent[Model[D]]):
         for level, (none, linear, _) in enumerate(hypotheses.levels):
             chosen = linear.best_set(hypotheses.present)
             propose(none + linear.total(chosen) - now, chosen, level)
+            linear.forget()
             evidence, odds, width = judged[level]
             for g in np.argsort(-odds)[:_SINGLES]:
                 if np.isfinite(odds[g]):
@@ -546,7 +548,8 @@ class Search(Ascent[Model[D]]):
             model: The best model.
             keys: Of the causes.
         """
-        hypotheses = self._hypotheses(model, curves=False)
+        last = self._last  # unknown causes may be in it as well, and are passed over
+        hypotheses = last[2] if last is not None and last[0] is model else self._hypotheses(model, curves=False)
         chosen = self._widths(hypotheses)
         out: dict[str, list[tuple[str, Model[D]]]] = {}
         for h in chosen:
@@ -555,7 +558,8 @@ class Search(Ascent[Model[D]]):
                 continue
             self.progress(f"what could stand in the place of {mine.name}", 0, 1)
             rest = without(chosen, h)
-            rivals = {g: w for _, g, w in hypotheses.linear.rivals(chosen, h, NEAR, ROUGH)[:RIVALS]}
+            rows = hypotheses.linear.rivals(chosen, h, NEAR, ROUGH)
+            rivals = {g: w for _, g, w in [row for row in rows if hypotheses.all[row[1]].curve is None][:RIVALS]}
             for g in (*rivals, *(g for g in hypotheses.look_alikes(h) if g not in rivals)):
                 trial = self._fitted(model, (hypotheses, {**rest, g: rivals.get(g, 1.0)}, 0))
                 if g not in rivals:
