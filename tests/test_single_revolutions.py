@@ -73,15 +73,19 @@ def test_what_two_tests_show_at_one_place_of_an_axis_is_no_accident(tmp_path):
         assert {n: count > 0 for n, count in alone.outliers.items()} == {t.name: t.name == name for t in sound.tests}
 
 
-@pytest.fixture(scope="module")
-def ideal(tmp_path_factory):
-    """Tests of a machine that is as its file says: they have noise alone."""
-    folder = tmp_path_factory.mktemp("ideal")
-    generator.write_files(generator.Case("ideal", "M1", layout("cradle"), seed=8), folder)
+def as_its_file_says(folder, tests):
+    """The problem and the readings of a machine that has noise alone."""
+    generator.write_files(generator.Case("ideal", "M1", tests, seed=8), folder)
     campaign = read_campaign(folder)
     plant = build(read_machine(campaign.machine_file))
     problem = Problem.of(campaign, plant, threads=2)
     return problem, problem.readings(plant)
+
+
+@pytest.fixture(scope="module")
+def ideal(tmp_path_factory):
+    """Tests that take 10 to 13 s."""
+    return as_its_file_says(tmp_path_factory.mktemp("ideal"), layout("cradle"))
 
 
 def struck(problem, knocks):
@@ -124,3 +128,35 @@ def test_two_knocks_at_one_place_of_an_axis_are_accidents(ideal):
     at_31_deg = {names[0]: (0.35, 9.0, 0.0), names[1]: (0.4875, 21.0, 0.0)}
     seen = without_disturbances(struck(problem, at_31_deg), readings)
     assert {n: count for n, count in seen.outliers.items() if count} == dict.fromkeys(names, 1)
+
+
+def displaced(problem, name, heights):
+    """The problem with one test that jumps: by heights (m) at shares of its time."""
+    samples = [s.copy() for s in problem.samples]
+    s = next(s for s in samples if s.test.name == name)
+    for place, height in heights:
+        s.value = s.value + height * np.clip((s.time - np.quantile(s.time, place)) / 0.02, 0.0, 1.0)
+    s.mean = s.average(s.value)
+    return problem.with_samples(samples, problem.tests, problem.outliers)
+
+
+SHORT = "rotary-a-tangential-x40-cw"
+
+
+def test_two_seats_in_a_short_test_are_both_found(tmp_path):
+    """They fill so much of 6 s that neither must be compared with the other."""
+    fast = tuple({**t, "feed_mm_min": 3000.0} for t in layout("cradle") if t["kind"] == "rotary")
+    problem, readings = as_its_file_says(tmp_path, fast)
+    knocked = displaced(problem, SHORT, ((0.34, 3.7e-6), (0.54, -1.7e-6)))
+    seen = without_disturbances(knocked, readings)
+    assert seen.outliers == {t.name: 2 * (t.name == SHORT) for t in problem.tests}
+
+
+@pytest.mark.parametrize("second", [-3.7e-6, 3.7e-6])
+def test_what_jumps_twice_as_far_is_the_machine_s(ideal, second):
+    """As at both ends of a damaged stretch of an encoder, and at each reversal."""
+    problem, readings = ideal
+    twice = displaced(problem, SHORT, ((0.3, 3.7e-6), (0.6, second)))
+    assert without_disturbances(twice, readings) is twice
+    once = displaced(problem, SHORT, ((0.3, 3.7e-6),))
+    assert without_disturbances(once, readings).outliers[SHORT] == 1

@@ -25,6 +25,8 @@ from mjsim.instruments.ball_bar.program import Program
 _AS_FAR = (0.5, 2.0)
 #: Lags that are tried between two tests within :attr:`OutlierSettings.same_place`.
 _LAGS = 21
+#: Standard deviations of a normal distribution within which 90 % of it lie.
+_DEVIATIONS = 1.645
 #: Reach of an axis that counts as none, m/rad (assumed).
 _NO_REACH = 1e-9
 
@@ -287,7 +289,7 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
 
     A jump shows in the difference of two revolutions, where what belongs to the machine's cycle is gone. The ball stays
     in its new seat: after a jump in the first revolution both agree, and before one in the second. A test that does not
-    repeat must show it far above everything else that it does.
+    repeat must show it far above everything else that it does, and only once.
 
     Args:
         s: The samples, without outliers.
@@ -297,20 +299,62 @@ def largest_jump(s: Samples, residual: np.ndarray, noise: float, settings: Outli
     """
     if kind_of(s.test).repeats(s.test):
         return _jump_of_revolutions(s, residual, noise, settings)
-    side, short, unusual = _short_jumps(s, residual, settings)
+    side, short = _short_jumps(s, residual, settings)
     at = int(np.argmax(np.abs(short)))
-    if abs(short[at]) > max(unusual, 2.0 * settings.least_jump):
+    again = _next(short, at, side)
+    usual = _usual(short, (at, again), side)
+    is_unusual = abs(short[at]) > max(settings.jump_alone * usual, 2.0 * settings.least_jump)
+    if is_unusual and not _is_as_far(abs(short[at]), abs(short[again]), usual / _DEVIATIONS):
         return at
     return _jump_over_gap(residual, s.valid, side, settings)
 
 
-def _short_jumps(s: Samples, residual: np.ndarray, settings: OutlierSettings) -> tuple[int, np.ndarray, float]:
-    """Samples of a mean where the place of a jump counts, how far the residual jumps between such means, (n,) m, and
-    how far it would have to, to be unusual, m.
-    """
+def _short_jumps(s: Samples, residual: np.ndarray, settings: OutlierSettings) -> tuple[int, np.ndarray]:
+    """Samples of a mean where the place of a jump counts, and how far the residual jumps between such means, (n,) m."""
     side = max(3, _side(s, settings) // 4)
-    short = _jumps(residual, s.valid, side)
-    return side, short, settings.jump_alone * float(np.quantile(np.abs(short), 0.9))
+    return side, _jumps(residual, s.valid, side)
+
+
+def _usual(short: np.ndarray, at: Sequence[int], side: int) -> float:
+    """90 % quantile of how far a residual jumps elsewhere, m; infinite with too little to compare with.
+
+    Args:
+        short: How far it jumps, (n,) m.
+        at: Where it jumps: places that share a sample with these do not count.
+        side: Samples of a mean.
+    """
+    apart = np.min([np.abs(np.arange(len(short)) - place) for place in at], axis=0) > 2 * side
+    elsewhere = np.abs(short[apart & (short != 0.0)])
+    return float(np.quantile(elsewhere, 0.9)) if len(elsewhere) > side else np.inf
+
+
+def _next(short: np.ndarray, at: int, side: int) -> int:
+    """Where a residual jumps most of all other places, up or down.
+
+    Args:
+        short: How far it jumps, (n,) m.
+        at: Where it jumps most: what shares a sample with this place counts in the other direction alone.
+        side: Samples of a mean.
+    """
+    apart = np.abs(np.arange(len(short)) - at) > 2 * side
+    return int(np.argmax(np.where(apart, np.abs(short), -np.sign(short[at]) * short)))
+
+
+def _is_as_far(height: float, again: float, deviation: float) -> bool:
+    """Whether a residual jumps twice as far: a machine does the same at both ends of a dent and at each reversal, and
+    no ball is knocked twice as far.
+
+    Two explanations of the second jump are compared, with even odds. It has the height of the first one, but for what
+    the residual does elsewhere. Or it is of any height up to that.
+
+    Args:
+        height: Of the largest jump, m.
+        again: Of the next one, m.
+        deviation: Standard deviation of how far the residual jumps elsewhere, m.
+    """
+    of_both = np.sqrt(2.0) * deviation
+    density = np.exp(-0.5 * ((height - again) / of_both) ** 2) / (np.sqrt(2.0 * np.pi) * of_both)
+    return bool(density * height > 1.0)
 
 
 def _side(s: Samples, settings: OutlierSettings) -> int:
@@ -382,11 +426,11 @@ def _jump_between(
         between: The samples around.
         settings: What decides.
     """
-    _, short, unusual = _short_jumps(s, residual, settings)
+    side, short = _short_jumps(s, residual, settings)
     rise, place = short * np.sign(height), np.arange(len(short))
     here = int(np.argmax(np.where(s.valid & (place > between[0]) & (place < between[1]), rise, -np.inf)))
     as_far = _AS_FAR[0] * abs(height) < rise[here] < _AS_FAR[1] * abs(height)
-    return here if rise[here] > unusual and as_far else None
+    return here if as_far and rise[here] > settings.jump_alone * _usual(short, [here], side) else None
 
 
 def leave_out_shorter_side(s: Samples, here: int, residual: np.ndarray, settings: OutlierSettings = OUTLIERS) -> bool:
