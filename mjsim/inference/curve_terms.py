@@ -248,6 +248,10 @@ class CurveTerms:
 
         yield CurveTerm(axis, axis, "position", knots, period, WaveColumns(factor_of(np.cos), factor_of(np.sin)))
 
+    def by_values(self, term: CurveTerm) -> CurveTerm:
+        """A term whose coefficients are values at knots: the same, or the fine one that follows the waves of teeth."""
+        return next(self.fine(term.axis)) if isinstance(term.columns, WaveColumns) else term
+
     def loads(self, axis: str) -> list[np.ndarray]:
         """Where the load side of an axis is, block means (m,) per test."""
         i = self.chain.index(axis)
@@ -347,6 +351,16 @@ class HatColumns(Sequence[np.ndarray]):
         """Number of columns."""
         return len(self.knots)
 
+    @staticmethod
+    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """What makes of coefficients near ``x`` (n,) the values of the curve over their mean, (knots, n).
+
+        Args:
+            root: What makes the values of them, (knots, n).
+            x: The coefficients.
+        """
+        return root - root.mean(axis=0)
+
     def sparse(self, k: int) -> csr_array:
         """The columns of test ``k``: a block lies between two knots."""
         rows = csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
@@ -375,6 +389,18 @@ class WaveColumns(Sequence[np.ndarray]):
     def width(self) -> int:
         """Number of columns."""
         return self.cosine.width + self.sine.width
+
+    @staticmethod
+    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """What makes of coefficients near ``x`` (n,) the amplitude of the wave over its mean, (knots, n).
+
+        Args:
+            root: What makes both factors of them, (2 knots, n).
+            x: The coefficients: they say the phase.
+        """
+        cosine, sine = (factor - factor.mean(axis=0) for factor in np.split(root, 2))
+        phase = np.arctan2(sine @ x, cosine @ x)[:, None]
+        return np.cos(phase) * cosine + np.sin(phase) * sine
 
     def sparse(self, k: int) -> csr_array:
         """The columns of test ``k``."""

@@ -475,8 +475,7 @@ class _BarReader(Reader[Problem]):
         rows: dict[tuple, tuple[float, CurveTerm]] = {}
         terms = CurveTerms(problem, beside)
         for c in (curve, *itertools.islice(others, _OTHERS)):
-            values = c.term if c.prior != "teeth" else next(terms.fine(c.term.axis))  # of the wave, not its sizes
-            objective, term = _with_enough_knots(terms, values)
+            objective, term = _with_enough_knots(terms, terms.by_values(c.term))
             key, evidence = (term.axis, term.moves, term.variable), c.log_odds - 0.5 * objective
             if key not in rows or evidence > rows[key][0]:  # one variable with another period is the same answer
                 rows[key] = evidence, term

@@ -92,17 +92,13 @@ class Curve:
     def displacing(self, x: np.ndarray) -> np.ndarray:
         """What makes of coefficients how far the curve displaces at each knot, (knots, k).
 
-        That is its value over the mean, which set-up and locations can take up; one that settles has no mean that
-        anything takes up. A wave displaces by its amplitude, over the mean that a pitch error can take up.
+        That is its value over the mean, which set-up, locations or a pitch error can take up; one that settles has no
+        mean that anything takes up.
 
         Args:
             x: Coefficients near which it is asked for, (k,): they say the phase of a wave.
         """
-        if self.prior == "teeth":
-            cosine, sine = (factor - factor.mean(axis=0) for factor in np.split(self.root, 2))
-            phase = np.arctan2(sine @ x, cosine @ x)[:, None]
-            return np.cos(phase) * cosine + np.sin(phase) * sine
-        return self.root if self.term.settles else self.root - self.root.mean(axis=0)
+        return self.root if self.term.settles else self.term.columns.over_the_mean(self.root, x)
 
     @property
     def widths(self) -> np.ndarray:
