@@ -153,7 +153,7 @@ def test_two_seats_in_a_short_test_are_both_found(tmp_path):
 
 
 @pytest.mark.parametrize("second", [-3.7e-6, 3.7e-6])
-def test_what_jumps_twice_as_far_is_the_machine_s(ideal, second):
+def test_what_jumps_again_by_as_much_is_the_machine_s(ideal, second):
     """As at both ends of a damaged stretch of an encoder, and at each reversal."""
     problem, readings = ideal
     twice = displaced(problem, SHORT, ((0.3, 3.7e-6), (0.6, second)))

@@ -341,8 +341,8 @@ def _next(short: np.ndarray, at: int, side: int) -> int:
 
 
 def _is_as_far(height: float, again: float, deviation: float) -> bool:
-    """Whether a residual jumps twice as far: a machine does the same at both ends of a dent and at each reversal, and
-    no ball is knocked twice as far.
+    """Whether a residual jumps a second time by as much: a machine does the same at both ends of a dent and at each
+    reversal, and no two knocks move a ball alike.
 
     Two explanations of the second jump are compared, with even odds. It has the height of the first one, but for what
     the residual does elsewhere. Or it is of any height up to that.
