@@ -25,7 +25,7 @@ from mjsim.instruments.ball_bar.program import Program
 _AS_FAR = (0.5, 2.0)
 #: Lags that are tried between two tests within :attr:`OutlierSettings.same_place`.
 _LAGS = 21
-#: Standard deviations of a normal distribution within which 90 % of it lie.
+#: Half-width of the middle 90 % of a normal distribution, standard deviations.
 _DEVIATIONS = 1.645
 #: Reach of an axis that counts as none, m/rad (assumed).
 _NO_REACH = 1e-9
