@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs, solve_triangular
+from scipy.linalg import get_blas_funcs, get_lapack_funcs, solve_triangular
 
 #: Gain in log evidence below which a change is not worth making, nats.
 WORTH = 0.5
@@ -21,7 +21,9 @@ _CHECKED = 40
 #: Coefficients beyond which a hypothesis, as a curve, is worked with by itself.
 _MANY = 30
 #: Sets of curves that are kept.
-_KEPT = 20
+_KEPT = 10
+#: Of BLAS: a product is added to a matrix.
+(_GEMM,) = get_blas_funcs(("gemm",), dtype=np.float64)
 #: Of LAPACK: a symmetric matrix becomes tridiagonal, vectors are turned alike, and a tridiagonal matrix is solved.
 _SYTRD, _ORMQR, _PTTRF, _PTTRS = get_lapack_funcs(("sytrd", "ormqr", "pttrf", "pttrs"), dtype=np.float64)
 #: A hypothesis set: places in the list of hypotheses, and the width of each one's prior.
@@ -30,21 +32,55 @@ Chosen = dict[int, float]
 
 @dataclass(frozen=True)
 class _Beside:
-    """The linear problem beside a set of curves.
+    """The linear problem beside a set of curves. Sets of a search differ from each other in one or two curves, so that
+    each is made from the one before: swept by the columns of a curve, or back (Goodnight, Amer. Statist. 33 (1979)
+    149-158).
 
     Attributes:
-        taken: Rows whose products are the information of all columns that the curves take, (p, m).
-        score: Of all columns, (m,).
-        own: Information about each hypothesis by itself, in batches of one size, (n, k, k).
+        curves: The set.
+        swept: Information about all columns with, as last row and column, their score, (m + 1, m + 1). The columns of
+            the curves have minus their covariance in the place of their information.
         gain: Log evidence of the curves over that of none, without prior odds.
-        rows: Information of the columns of a hypothesis with all, (k, m), by its place; as they are asked for.
     """
 
-    taken: np.ndarray
-    score: np.ndarray
-    own: list[np.ndarray]
+    curves: Chosen
+    swept: np.ndarray
     gain: float = 0.0
-    rows: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def with_curve(self, g: int, at: np.ndarray, width: float) -> _Beside:
+        """Beside one curve more.
+
+        Args:
+            g: Its place among the hypotheses.
+            at: Those of its coefficients, (k,).
+            width: Of its prior.
+        """
+        rows, own = self.swept[at], width**-2.0 * np.eye(len(at))
+        lower = np.linalg.cholesky(rows[:, at] + own)
+        turn = solve_triangular(lower, np.eye(len(at)), lower=True, check_finite=False)
+        half = turn @ rows
+        out = self._changed(at, -1.0, half, turn.T @ half, -turn.T @ turn)
+        return _Beside({**self.curves, g: width}, out, self.gain + _gain_of(half[:, -1], lower, np.diag(own)))
+
+    def without_curve(self, g: int, at: np.ndarray) -> _Beside:
+        """Beside one of the curves less; arguments as of :meth:`with_curve`."""
+        rows, own = self.swept[at], self.curves[g] ** -2.0 * np.eye(len(at))
+        turn = np.linalg.cholesky(-rows[:, at]).T
+        lower = solve_triangular(turn.T, np.eye(len(at)), lower=True, check_finite=False)
+        half = lower @ rows
+        out = self._changed(at, 1.0, half, lower.T @ half, lower.T @ lower - own)
+        return _Beside(without(self.curves, g), out, self.gain - _gain_of(half[:, -1], lower, np.diag(own)))
+
+    def _changed(
+        self, at: np.ndarray, sign: float, half: np.ndarray, rows: np.ndarray, block: np.ndarray
+    ) -> np.ndarray:
+        """The problem with the products of ``half`` (k, m + 1) added or taken away, other ``rows`` of a curve (k, m +
+        1), and another ``block`` of its own (k, k).
+        """
+        out = _GEMM(sign, half.T, half.T, 1.0, self.swept.T, trans_b=True).T
+        out[at], out[:, at] = rows, rows.T
+        out[np.ix_(at, at)] = block
+        return out
 
 
 @dataclass(frozen=True)
@@ -87,14 +123,13 @@ class LinearEvidence:
             (np.array(ix), np.array([hypotheses[i].places for i in ix]), np.array([hypotheses[i].widths for i in ix]))
             for ix in sizes.values()
         ]
-        self._own = [information[at[:, :, None], at[:, None, :]] for _, at, _ in self._batches]
         self._known: dict[frozenset[tuple[int, float]], tuple[np.ndarray, np.ndarray]] = {}
-        self._curves: dict[frozenset[tuple[int, float]], _Beside] = {}
+        self._beside: dict[frozenset[tuple[int, float]], _Beside] = {}
 
     def forget(self) -> None:
         """Give back what is kept of sets: GB where they have curves."""
         self._known.clear()
-        self._curves.clear()
+        self._beside.clear()
 
     def _columns(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """Places and prior precisions of the coefficients of a set."""
@@ -117,18 +152,18 @@ class LinearEvidence:
 
     def _odds(self, chosen: Chosen) -> tuple[np.ndarray, np.ndarray]:
         """As :meth:`odds`."""
-        beside, small = self._beside(chosen)
+        beside, small = self._beside_curves(chosen)
         taken, score, _ = self._taken(beside, small)
         odds, best = np.full(len(self.hypotheses), -np.inf), np.ones(len(self.hypotheses))
         names = {self.hypotheses[g].name for g in chosen if not self.hypotheses[g].several}
         free = np.array([g not in chosen and h.name not in names for g, h in enumerate(self.hypotheses)], bool)
         left: dict[int, np.ndarray] = {}
-        for (ix, at, widths), own in zip(self._batches, beside.own, strict=True):
+        for ix, at, widths in self._batches:
             asked = free[ix]
             if not asked.any():
                 continue
             ix, at, widths = ix[asked], at[asked], widths[asked]
-            information = _without_taken(own[asked], taken, at)
+            information = _without_taken(beside.swept[at[:, :, None], at[:, None, :]], taken, at)
             evidence = _evidence(information, score[at], widths)
             odds[ix] = np.logaddexp.reduce(evidence, axis=1) - math.log(widths.shape[1]) + self._log_odds[ix]
             best[ix] = widths[np.arange(len(ix)), evidence.argmax(axis=1)]
@@ -141,39 +176,42 @@ class LinearEvidence:
                     odds[g] = -np.inf
         return odds, best
 
-    def _beside(self, chosen: Chosen) -> tuple[_Beside, Chosen]:
+    def _beside_curves(self, chosen: Chosen) -> tuple[_Beside, Chosen]:
         """The problem beside the curves of a set, which is kept since sets differ in what is small; and the others."""
         curves = {g: w for g, w in chosen.items() if len(self.hypotheses[g].places) > _MANY}
         key = frozenset(curves.items())
-        if key not in self._curves:
-            if len(self._curves) >= _KEPT:
-                self._curves.clear()
-            nothing = _Beside(np.zeros((0, len(self.score))), self.score, self._own)
-            taken, score, gain = self._taken(nothing, curves)
-            own = [_without_taken(o, taken, at) for (_, at, _), o in zip(self._batches, self._own, strict=True)]
-            self._curves[key] = _Beside(taken, score, own, gain)
-        return self._curves[key], {g: w for g, w in chosen.items() if g not in curves}
+        beside = self._beside.pop(key, None)
+        if beside is None:
+            if not self._beside:
+                self._beside[frozenset()] = _Beside({}, np.pad(self.information, (0, 1)))
+                self._beside[frozenset()].swept[-1, :-1] = self._beside[frozenset()].swept[:-1, -1] = self.score
+            beside = min(self._beside.values(), key=lambda b: len(key ^ b.curves.items()))
+            for g, _ in beside.curves.items() - key:
+                beside = beside.without_curve(g, self.hypotheses[g].places)
+            for g, width in key - beside.curves.items():
+                beside = beside.with_curve(g, self.hypotheses[g].places, width)
+            if len(self._beside) >= _KEPT:
+                self._beside.pop(next(iter(self._beside)))
+        self._beside[key] = beside  # behind the others: the one that is not asked for goes first
+        return beside, {g: w for g, w in chosen.items() if g not in curves}
 
     def _taken(self, beside: _Beside, chosen: Chosen) -> tuple[np.ndarray, np.ndarray, float]:
         """What a further set takes: rows (p, m) whose products are the information of all columns that it takes; the
         score that it leaves, (m,); and its log evidence, without prior odds.
         """
+        score = beside.swept[-1, :-1]
         if not chosen:
-            return np.zeros((0, len(self.score))), beside.score, 0.0
+            return np.zeros((0, len(score))), score, 0.0
         places, precision = self._columns(chosen)
-        for g in chosen.keys() - beside.rows.keys():
-            at = self.hypotheses[g].places
-            beside.rows[g] = self.information[at] - beside.taken[:, at].T @ beside.taken
-        rows = np.vstack([beside.rows[g] for g in chosen])
+        rows = beside.swept[places]
         lower = np.linalg.cholesky(rows[:, places] + np.diag(precision))
-        turn = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
-        taken, score = turn @ rows, turn @ beside.score[places]
-        gain = 0.5 * float(score @ score + np.log(precision).sum()) - float(np.log(np.diag(lower)).sum())
-        return taken, beside.score - taken.T @ score, gain
+        taken = solve_triangular(lower, rows, lower=True, check_finite=False)
+        taken, own = taken[:, :-1], taken[:, -1]
+        return taken, score - taken.T @ own, _gain_of(own, lower, precision)
 
     def total(self, chosen: Chosen) -> float:
         """Log evidence of a set over that of none, with the prior odds."""
-        beside, small = self._beside(chosen)
+        beside, small = self._beside_curves(chosen)
         gain = beside.gain + self._taken(beside, small)[2]
         return gain + sum(self._log_odds[g] - math.log(len(self.hypotheses[g].widths)) for g in chosen)
 
@@ -190,16 +228,16 @@ class LinearEvidence:
         return float(self.score[places] @ np.concatenate(list(self.estimate(chosen).values())))
 
     def best_set(self, present: Sequence[int] = (), starts: int = 4) -> Chosen:
-        """The set of largest evidence that is found from nothing, from what is ``present``, and from the ``starts``
-        best single hypotheses; then every rival of a member is put in beside all once, and what is not needed any more
-        goes.
+        """The set of largest evidence that is found from nothing, and from what is ``present`` or, where nothing is,
+        from the ``starts`` best single hypotheses; then every rival of a member is put in beside all once, and what is
+        not needed any more goes.
         """
         odds, width = self.odds({})
         first: list[Chosen] = [{}]
         if present:
             first.append({g: float(width[g]) for g in present})
         names: set[str] = set()
-        for g in np.argsort(-odds):
+        for g in () if present else np.argsort(-odds):
             if odds[g] < 0.0 or len(names) >= starts:
                 break
             if self.hypotheses[g].name not in names:
@@ -262,6 +300,17 @@ class LinearEvidence:
             if is_other and name not in out:
                 out[name] = float(odds[g]), int(g), float(width[g])
         return list(out.values())
+
+
+def _gain_of(turned: np.ndarray, lower: np.ndarray, precision: np.ndarray) -> float:
+    """Log evidence of coefficients over that of their absence.
+
+    Args:
+        turned: Their score, turned by the inverse of ``lower``, (p,).
+        lower: Root of their information with that of the prior, (p, p).
+        precision: Of their priors, (p,).
+    """
+    return 0.5 * float(turned @ turned + np.log(precision).sum()) - float(np.log(np.diag(lower)).sum())
 
 
 def _without_taken(information: np.ndarray, taken: np.ndarray, at: np.ndarray) -> np.ndarray:

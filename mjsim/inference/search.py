@@ -428,9 +428,12 @@ class Search(Ascent[Model[D]]):
         before, model = model.sizes, self._tuned(model)
         if abs(np.log((before.rms + 1e-8) / (model.sizes.rms + 1e-8))) < 0.2 and not steps:
             return model
-        fit = self.fitter.with_problem(model.problem).fit(
-            model.fit.effects, start=model.fit, exact=True, iterations=max(steps, 1), fresh=False
-        )
+        return self._fitted_again(model, max(steps, 1))
+
+    def _fitted_again(self, model: Model[D], steps: int) -> Model[D]:
+        """A model fitted at its sizes, with those of largest evidence then."""
+        fitter = self.fitter.with_problem(model.problem)
+        fit = fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=steps, fresh=False)
         return self._tuned(replace(model, fit=fit))
 
     def _begun(self, expected: Sequence[Calibrated]) -> Model[D]:
@@ -538,7 +541,7 @@ class Search(Ascent[Model[D]]):
             ratio = (trial.left + SEEN * noise) / (before.left(noise) + SEEN * noise)
             if 0.7 < ratio < 1.5:
                 break
-            before, trial = trial.sizes, self._settled(trial, _AGAIN)
+            before, trial = trial.sizes, self._fitted_again(trial, _AGAIN)
         return trial
 
     def rivals_of(self, model: Model[D], keys: Collection[str]) -> dict[str, list[tuple[str, Model[D]]]]:
