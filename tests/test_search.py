@@ -83,7 +83,7 @@ def test_the_level_of_a_curve_is_not_held_for_its_size(real):
     fit = search.fitter.with_problem(white).fit([], iterations=1)
     term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
     root = next(root for name, root in priors_of(term) if name == "smooth")
-    curve = Curve(term, "smooth", root, problem.whiten([c @ root for c in term.columns]), 0.0, width=2.0)
+    curve = Curve(term, "smooth", root, problem.whiten_sparse(term.columns.sparse), 0.0, width=2.0)
     model = Model({}, fit, with_curves(white, [curve]), Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
     ((_, (values, spread)),) = _BarReader(search, Found(fit, model, None), silent)._values(fit)
     columns = 2.0 * white.whiten([c @ root for c in term.columns])

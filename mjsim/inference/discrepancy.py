@@ -33,6 +33,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.ndimage import maximum_filter1d
 from scipy.optimize import minimize
+from scipy.sparse import csr_array, hstack
 
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
@@ -222,13 +223,25 @@ class Products:
 
     def __init__(self, discrepancy: Discrepancy, columns: np.ndarray) -> None:
         self.discrepancy, self.blocks = discrepancy, [columns]
+        self._knots = csr_array((len(columns), 0))
+        self._curves: list[tuple[slice, np.ndarray]] = []
         self._gram = [columns[at].T @ columns[at] for at in discrepancy.rows]
         self._along = [basis.T @ columns[at] for basis, at in discrepancy.tests]
 
     @property
+    def dense(self) -> int:
+        """Number of columns that are no curve's."""
+        return sum(b.shape[1] for b in self.blocks)
+
+    @property
     def width(self) -> int:
         """Number of columns."""
-        return sum(b.shape[1] for b in self.blocks)
+        return self.dense + sum(root.shape[1] for _, root in self._curves)
+
+    @property
+    def raw(self) -> int:
+        """Number of columns where a curve has those of its knots."""
+        return self.dense + self._knots.shape[1]
 
     def along_more(self, discrepancy: Discrepancy) -> Products:
         """The same for a discrepancy whose basis has further directions behind those of this one."""
@@ -239,27 +252,67 @@ class Products:
         return out
 
     def extended(self, *blocks: np.ndarray) -> Products:
-        """The same with further columns behind, in blocks (count, k) each: they fill hundreds of MB, and are kept as
-        they are.
-        """
+        """The same with further columns behind, in blocks (count, k) each."""
         out = copy(self)
         out.blocks = [*self.blocks, *blocks]
         return out
 
-    def of_test(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places of the columns that reach a test, (n,); their products, (n, n); and those with its basis, (m, n)."""
+    def with_curves(self, curves: Sequence[tuple[csr_array, np.ndarray]]) -> Products:
+        """The same with the columns of curves behind the others. They would fill hundreds of MB, and are never made.
+
+        Args:
+            curves: Rows by the values at the knots, whitened by the campaign's noise alone, (count, knots), the same
+                ones where curves share them; and what makes these values of the coefficients, (knots, k).
+        """
+        out = copy(self)
+        rows = {id(r): r for r, _ in curves}
+        ends = dict(zip(rows, np.cumsum([r.shape[1] for r in rows.values()]).tolist(), strict=True))
+        out._knots = csr_array(hstack([*rows.values()])) if rows else self._knots
+        out._curves = [(slice(ends[id(r)] - r.shape[1], ends[id(r)]), root) for r, root in curves]
+        return out
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """All columns times coefficients (p,)."""
+        out, first = np.zeros(len(self.blocks[0])), 0
+        for columns in self.blocks:
+            out += columns @ x[first : first + columns.shape[1]]
+            first += columns.shape[1]
+        values = np.zeros(self._knots.shape[1])
+        for at, root in self._curves:
+            values[at] += root @ x[first : first + root.shape[1]]
+            first += root.shape[1]
+        return out + self._knots @ values
+
+    def of_test(self, k: int, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places of the columns that reach a test, and of the residual behind all of them, (n,); their products with
+        each other, (n, n), and with the basis of the test, (m, n). A curve has the columns of its knots, of which
+        :meth:`of_curves` makes those of its coefficients.
+
+        Args:
+            k: The test.
+            residual: Whitened by the campaign's noise alone, (count,).
+        """
         basis, at = self.discrepancy.basis[k], self.discrepancy.rows[k]
-        first, *more = [b[at] for b in self.blocks]
+        # set-up and trigger of one test are in no other: only the columns that reach a test are multiplied
         live = np.flatnonzero(np.diag(self._gram[k]))
-        gram, along = self._gram[k][np.ix_(live, live)], self._along[k][:, live]
-        if not more:
-            return live, gram, along
-        own = np.hstack(more)
+        first, knots = self.blocks[0][at, live], self._knots[at]
+        own = np.hstack([*(b[at] for b in self.blocks[1:]), residual[at, None]])
         seen = np.flatnonzero(own.any(axis=0))
-        own = own[:, seen]
-        cross = first[:, live].T @ own
-        gram = np.block([[gram, cross], [cross.T, own.T @ own]])
-        return np.append(live, first.shape[1] + seen), gram, np.hstack([along, basis.T @ own])
+        own, seen = own[:, seen], self.blocks[0].shape[1] + seen
+        seen[seen == self.dense] = self.raw
+        a, b, c = first.T @ own, knots.T @ first, knots.T @ own
+        gram = self._gram[k][np.ix_(live, live)]
+        gram = np.block([[gram, a, b.T], [a.T, own.T @ own, c.T], [b, c, (knots.T @ knots).toarray()]])
+        along = np.hstack([self._along[k][:, live], basis.T @ own, (knots.T @ basis).T])
+        return np.concatenate([live, seen, np.arange(self.dense, self.raw)]), gram, along
+
+    def of_curves(self, products: np.ndarray) -> np.ndarray:
+        """Products with the columns of the curves, (m, width + 1), of those with the columns of their knots."""
+        if not self._curves:
+            return products
+        behind = products[:, self.dense :]
+        parts = [behind[:, at] @ root for at, root in self._curves]
+        return np.hstack([products[:, : self.dense], *parts, products[:, -1:]])
 
 
 class LinearModel:
@@ -284,22 +337,27 @@ class LinearModel:
     ) -> None:
         self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
         self.precision, self.departure = precision, departure
-        # set-up and trigger of one test are in no other: only the columns that reach a test are worked with there
-        self._live, self._along, self._across = [], [], []
+        self._along, self._live, self._across = [], [], []
         factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
-        self._summed = {key: np.zeros((products.width + 1,) * 2) for key in factors}
-        for k, (basis, at) in enumerate(self.discrepancy.tests):
-            live, gram, along = products.of_test(k)
-            score = np.concatenate([b[at].T @ residual[at] for b in products.blocks])[live]
-            whole = np.block([[gram, score[:, None]], [score, np.atleast_1d(residual[at] @ residual[at])]])
-            along = np.column_stack([along, basis.T @ residual[at]])
-            across = whole - along.T @ along
-            self._live.append(np.append(live, products.width))  # the residual is the last column
-            self._along.append(along)
+        n = products.raw + 1
+        summed = {key: np.zeros((n, n)) for key in factors}
+        for k in range(len(self.discrepancy.rows)):
+            places, gram, along = products.of_test(k, residual)
+            at, across = np.ix_(places, places), gram - along.T @ along
             if not only:
-                self._across.append(across)
+                self._across.append((at, across))
             for key, factor in factors.items():
-                self._summed[key][np.ix_(self._live[k], self._live[k])] += across / factor[k] ** 2
+                summed[key][at] += across / factor[k] ** 2
+            whole = np.zeros((len(along), n))
+            whole[:, places] = along
+            whole = products.of_curves(whole)
+            self._live.append(np.flatnonzero(whole.any(axis=0)))
+            self._along.append(whole[:, self._live[k]])
+        self._summed = {key: self._of_curves(total) for key, total in summed.items()}
+
+    def _of_curves(self, total: np.ndarray) -> np.ndarray:
+        """Products of all columns and the residual with each other, of those with the columns of curves' knots."""
+        return self.products.of_curves(self.products.of_curves(total).T).T
 
     def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
         """Products of columns and residual across the basis of the discrepancy, where there is only noise, (p + 1,
@@ -307,10 +365,10 @@ class LinearModel:
         """
         key = factor.tobytes()
         if key not in self._summed:
-            total = np.zeros((self.products.width + 1,) * 2)
-            for live, across, f in zip(self._live, self._across, factor, strict=True):
-                total[np.ix_(live, live)] += across / f**2
-            self._summed = {key: total}
+            total = np.zeros((self.products.raw + 1,) * 2)
+            for (at, across), f in zip(self._across, factor, strict=True):
+                total[at] += across / f**2
+            self._summed = {key: self._of_curves(total)}
         return self._summed[key]
 
     def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -376,10 +434,7 @@ class LinearModel:
     def _noise_factors(self, sizes: Sizes) -> np.ndarray:
         """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""
         _, step = self._solved(sizes)
-        rest, first = self.residual.copy(), 0
-        for block in self.products.blocks:
-            rest -= block @ step[first : first + block.shape[1]]
-            first += block.shape[1]
+        rest = self.residual - self.products.times(step)
         out = np.ones(len(self._live))
         for k, (basis, at) in enumerate(self.discrepancy.tests):
             across = rest[at] @ rest[at] - np.square(basis.T @ rest[at]).sum()

@@ -492,14 +492,14 @@ class _BarReader(Reader[Problem]):
         model, base = self.model, self.model.base
         fitter = self.search.fitter.with_problem(base)
         alone = fitter.fit(fit.effects, start=fit, exact=True, iterations=0, fresh=False)
-        columns = base.whiten_further(np.hstack([c.columns * c.width for c in model.curves]))
+        columns = base.whiten_further(np.hstack([c.columns for c in model.curves]))
         cross = alone.design.T @ columns
         information = alone.linear.left_over(columns.T @ columns, cross)
         covariance = np.linalg.inv(information + np.eye(columns.shape[1]))
         sizes = covariance @ (columns.T @ alone.residual - cross.T @ alone.step)
         first = 0
         for c in model.curves:
-            at = slice(first, first + c.columns.shape[1])
+            at = slice(first, first + c.root.shape[1])
             root = c.displacing(sizes[at]) * c.width
             yield c, (root @ sizes[at], np.sqrt(np.einsum("ij,jk,ik->i", root, covariance[at, at], root)))
             first = at.stop

@@ -234,11 +234,9 @@ class Hypotheses:
                 place += columns.shape[1]
         for curve in curves:
             h = Hypothesis(curve.name, curve.log_odds, curve.widths, curve=curve, present=curve.present)
-            rows.append((h, place + np.arange(curve.columns.shape[1])))
-            more.append(curve.columns)
-            place += curve.columns.shape[1]
-        if more:
-            products = products.extended(*more)
+            rows.append((h, place + np.arange(curve.root.shape[1])))
+            place += curve.root.shape[1]
+        products = products.extended(*more).with_curves([(curve.rows, curve.root) for curve in curves])
         self.all = [*(h for h, _ in inside), *(h for h, _ in rows)]
         #: Log evidence of the model without any of them, and the linear problem, at each level.
         self.levels = self._evidence(products, design, width, inside, rows, levels)

@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
@@ -376,6 +376,12 @@ class Problem:
             self.noise_of(k).filter(kept, len(s.centre))
             for k, (kept, s) in enumerate(zip(self._kept, self.samples, strict=True))
         ]
+
+    def whiten_sparse(self, work: Callable[[int], csr_array]) -> csr_array:
+        """Rows (count, k), whitened by the campaign's noise alone, of sparse block columns (m, k) that ``work(k)``
+        makes test by test.
+        """
+        return csr_array(vstack([part @ work(k) for k, part in enumerate(self.filters)]))
 
     def whitened_by(self, whitening: Whitening) -> Problem:
         """The problem with another whitening of what its errors are beyond the campaign's noise."""

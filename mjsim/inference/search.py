@@ -211,7 +211,7 @@ def with_curves(problem: D, curves: Sequence[Curve]) -> D:
     if not curves:
         return problem
     assert problem.whitening is not None
-    columns = problem.whiten_further(np.hstack([c.columns * c.width for c in curves]))
+    columns = problem.whiten_further(np.hstack([c.columns for c in curves]))
     return problem.whitened_by(problem.whitening.beside(columns))
 
 
@@ -414,11 +414,12 @@ class Search(Ascent[Model[D]]):
         """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
         parameters, fit = model.fit.parameters, model.fit
         design, residual = self.discrepancy.plain(fit)
-        columns = np.hstack([design, *(c.columns * c.width for c in model.curves)])
-        more = columns.shape[1] - parameters.size
+        products = Products(self._discrepancy_beside(model.curves), design)
+        products = products.with_curves([(c.rows, c.root * c.width) for c in model.curves])
+        more = products.width - parameters.size
         precision = np.concatenate([parameters.precision(), np.ones(more)])
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
-        linear = LinearModel(Products(self._discrepancy_beside(model.curves), columns), residual, precision, departure)
+        linear = LinearModel(products, residual, precision, departure)
         sizes, evidence = linear.tuned(model.sizes)
         problem = self.problem_of(sizes, model.curves)
         return replace(model, problem=problem, sizes=sizes, evidence=evidence + model.log_odds)

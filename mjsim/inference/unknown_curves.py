@@ -53,7 +53,7 @@ class Curve:
         term: What it is a curve of.
         prior: ``smooth``, ``rough``, ``steps``, ``teeth`` or ``lobes``.
         root: From normal coefficients of variance one to values at the knots, (knots, k).
-        columns: Readings by these coefficients, whitened by the campaign's noise alone, (count, k).
+        rows: Readings by these values, whitened by the campaign's noise alone, (count, knots).
         log_odds: Logarithm of its prior odds.
         width: Prior standard deviation where it is in the model; 0 where it is not.
         largest: Its largest value where it is in the model, in units of 1 µm or 10 µrad.
@@ -63,11 +63,16 @@ class Curve:
     term: CurveTerm
     prior: str
     root: np.ndarray
-    columns: np.ndarray
+    rows: csr_array
     log_odds: float
     width: float = 0.0
     largest: float = 0.0
     readings: tuple[np.ndarray, ...] = ()
+
+    @property
+    def columns(self) -> np.ndarray:
+        """Readings by its coefficients over its width, whitened by the campaign's noise alone, (count, k)."""
+        return self.rows @ (self.root * self.width)
 
     @property
     def name(self) -> str:
@@ -242,10 +247,9 @@ def best_curves(
             known = linear.of(term)
             for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
-    return [
-        (found, Curve(term, prior, root, plain.whiten([c @ root for c in term.columns]), odds))
-        for found, term, prior, root, odds in sorted(out.values(), key=lambda row: -row[0])
-    ]
+    kept = sorted(out.values(), key=lambda row: -row[0])
+    rows = {id(term): plain.whiten_sparse(term.columns.sparse) for _, term, *_ in kept}
+    return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in kept]
 
 
 class _BesideModel:
