@@ -27,7 +27,7 @@ from mjsim.inference.findings import _BarReader, explain
 from mjsim.inference.fit import Fitter
 from mjsim.inference.linearisation import Linearisation
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import Found, Model, with_curves
+from mjsim.inference.search import Found, Model
 from mjsim.inference.signatures import SignatureBank, seeds
 from mjsim.inference.spectrum import sides_of, spectral_candidates, wave
 from mjsim.inference.unknown_curves import Curve, _BesideModel, priors_of
@@ -84,7 +84,7 @@ def test_the_level_of_a_curve_is_not_held_for_its_size(real):
     term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
     root = next(root for name, root in priors_of(term) if name == "smooth")
     curve = Curve(term, "smooth", root, problem.whiten_sparse(term.columns.sparse), 0.0, width=2.0)
-    model = Model({}, fit, with_curves(white, [curve]), Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
+    model = Model({}, fit, white, Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
     ((_, (values, spread)),) = _BarReader(search, Found(fit, model, None), silent)._values(fit)
     columns = 2.0 * white.whiten([c @ root for c in term.columns])
     cross = fit.design.T @ columns
@@ -132,7 +132,7 @@ def test_hypotheses_stand_beside_the_residual_of_the_fit(real):
     model = search._tuned(Model({}, fit, problem, loud))
     sizes = [model.sizes]
     expected = search._beside(model, sizes, curves=False)
-    got = search._beside(replace(model, problem=search.problem_of(loud, ())), sizes, curves=False)
+    got = search._beside(replace(model, base=search.base_of(loud, ())), sizes, curves=False)
     assert got.levels[0][0] == expected.levels[0][0]
     np.testing.assert_array_equal(got.linear.score, expected.linear.score)
     assert expected.levels[0][0] == pytest.approx(model.evidence, abs=5.0)

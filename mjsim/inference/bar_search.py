@@ -319,13 +319,13 @@ class BarSearch(Search[Problem]):
 
     def _on_present_samples(self, model: Model[Problem]) -> Model[Problem]:
         """A model on the samples that count now; itself where it was fitted to these."""
-        is_so = model.problem.samples is self.plain.samples
+        is_so = model.base.samples is self.plain.samples
         return model if is_so else self._settled(self._refitted(model))
 
     def _refitted(self, model: Model[Problem]) -> Model[Problem]:
         """A model without curves, fitted to the present samples."""
         fit = self.fitter.fit(list(model.fit.effects), exact=False, iterations=FIRST)
-        return replace(model, fit=fit, problem=self.plain)
+        return replace(model, fit=fit, base=self.plain)
 
     def _retimed(self, model: Model[Problem]) -> Model[Problem]:
         """The model at better triggers, where it fits better there."""

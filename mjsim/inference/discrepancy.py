@@ -241,7 +241,7 @@ class Products:
     @property
     def raw(self) -> int:
         """Number of columns where a curve has those of its knots."""
-        return self.dense + self._knots.shape[1]
+        return self.dense + max((at.stop for at, _ in self._curves), default=0)
 
     def along_more(self, discrepancy: Discrepancy) -> Products:
         """The same for a discrepancy whose basis has further directions behind those of this one."""
@@ -265,10 +265,10 @@ class Products:
                 ones where curves share them; and what makes these values of the coefficients, (knots, k).
         """
         out = copy(self)
-        rows = {id(r): r for r, _ in curves}
-        ends = dict(zip(rows, np.cumsum([r.shape[1] for r in rows.values()]).tolist(), strict=True))
+        rows, counts = {id(r): r for r, _ in curves}, {id(r): len(root) for r, root in curves}
+        ends = dict(zip(counts, np.cumsum([*counts.values()]).tolist(), strict=True))
         out._knots = csr_array(hstack([*rows.values()])) if rows else self._knots
-        out._curves = [(slice(ends[id(r)] - r.shape[1], ends[id(r)]), root) for r, root in curves]
+        out._curves = [(slice(ends[id(r)] - len(root), ends[id(r)]), root) for r, root in curves]
         return out
 
     def times(self, x: np.ndarray) -> np.ndarray:
@@ -277,7 +277,7 @@ class Products:
         for columns in self.blocks:
             out += columns @ x[first : first + columns.shape[1]]
             first += columns.shape[1]
-        values = np.zeros(self._knots.shape[1])
+        values = np.zeros(self.raw - self.dense)
         for at, root in self._curves:
             values[at] += root @ x[first : first + root.shape[1]]
             first += root.shape[1]

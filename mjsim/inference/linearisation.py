@@ -195,12 +195,14 @@ class Linearisation:
         return self._of_operations
 
     def _of_drive(self, k: int, plant: Plant, axis: str) -> np.ndarray:
-        """What one drive adds to the reading of test ``k``, on the grid, m."""
+        """What one drive adds to the reading of test ``k``, on the grid, m, to be compared with another: what a single
+        sub-step of it misses is the same in both.
+        """
         p, i = self.problem, plant.chain.index(axis)
         motion = p.motions[k]
         if not motion.moves[i]:
             return np.zeros(len(self.loads[k]))
-        position = motion.motor(axis, plant.axes[axis], GRID_STEPS)
+        position = motion.motor(axis, plant.axes[axis], GRID_STEPS, substeps=1)
         play = self._play_of(axis)
         if play.ops:  # while the play is crossed, what the drive does is not seen
             q = np.zeros((len(position), plant.chain.count))

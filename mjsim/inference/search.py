@@ -14,6 +14,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -120,8 +121,8 @@ class Model(Generic[D]):
 
     Attributes:
         expected: What a machine of its class has, by key.
-        fit: Effects, data sheet and set-up, whitened by ``problem``.
-        problem: The data with the whitening of this model.
+        fit: Effects, data sheet and set-up.
+        base: The data with the whitening of this model, without what its curves add to that.
         sizes: Of the discrepancy and the noise.
         curves: Of unknown causes.
         log_odds: Prior odds of all its hypotheses, logarithm.
@@ -130,27 +131,26 @@ class Model(Generic[D]):
 
     expected: dict[str, Calibrated]
     fit: Fit
-    problem: D
+    base: D
     sizes: Sizes
     curves: tuple[Curve, ...] = ()
     log_odds: float = 0.0
     evidence: float = -np.inf
 
-    @property
-    def base(self) -> D:
-        """The data with the same whitening, without what the curves add to it."""
-        whitening = self.problem.whitening
-        return self.problem if whitening is None else self.problem.whitened_by(whitening.without_shared())
+    @cached_property
+    def problem(self) -> D:
+        """The data with the whitening of this model."""
+        return with_curves(self.base, self.curves)
 
     @property
     def leaves_nothing(self) -> bool:
         """Whether what it leaves cannot be seen beside the noise."""
-        return self.left < SEEN * self.problem.noise.rms
+        return self.left < SEEN * self.base.noise.rms
 
     @property
     def left(self) -> float:
         """RMS of what it leaves besides the noise, m."""
-        return self.sizes.left(self.problem.noise.rms)
+        return self.sizes.left(self.base.noise.rms)
 
 
 @dataclass(frozen=True)
@@ -406,9 +406,13 @@ class Search(Ascent[Model[D]]):
 
     # -- models --------------------------------------------------------------------------------------------------------
 
+    def base_of(self, sizes: Sizes, curves: Sequence[Curve]) -> D:
+        """The data with the whitening of a model, without what its curves add to that."""
+        return self.plain.whitened_by(self._discrepancy_beside(curves).whitening(sizes))
+
     def problem_of(self, sizes: Sizes, curves: Sequence[Curve]) -> D:
         """The data with the whitening of a model."""
-        return with_curves(self.plain.whitened_by(self._discrepancy_beside(curves).whitening(sizes)), curves)
+        return with_curves(self.base_of(sizes, curves), curves)
 
     def _tuned(self, model: Model[D]) -> Model[D]:
         """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
@@ -421,8 +425,8 @@ class Search(Ascent[Model[D]]):
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
         linear = LinearModel(products, residual, precision, departure)
         sizes, evidence = linear.tuned(model.sizes)
-        problem = self.problem_of(sizes, model.curves)
-        return replace(model, problem=problem, sizes=sizes, evidence=evidence + model.log_odds)
+        base = self.base_of(sizes, model.curves)
+        return replace(model, base=base, sizes=sizes, evidence=evidence + model.log_odds)
 
     def _settled(self, model: Model[D], steps: int = STEPS) -> Model[D]:
         """A model with the sizes of largest evidence, fitted again at them."""
@@ -530,13 +534,13 @@ class Search(Ascent[Model[D]]):
         _, linear, sizes = hypotheses.levels[level]
         effects, curves = hypotheses.model_of(chosen, linear)
         odds = sum(hypotheses.all[g].log_odds for g in chosen)
-        problem = self.problem_of(sizes, curves)
-        fitter = self.fitter.with_problem(problem)
+        base = self.base_of(sizes, curves)
+        fitter = self.fitter.with_problem(with_curves(base, curves))
         fit = fitter.fit(effects, start=model.fit, exact=True, iterations=STEPS, fresh=False)
         sized = with_priors_of_size(fit.effects, model.expected)
         if any((a.block.deviation != b.block.deviation).any() for a, b in zip(fit.effects, sized, strict=True)):
             fit = fitter.fit(sized, start=fit, exact=True, iterations=_AGAIN, fresh=False)
-        trial = self._tuned(Model(model.expected, fit, problem, sizes, tuple(curves), odds))
+        trial = self._tuned(Model(model.expected, fit, base, sizes, tuple(curves), odds))
         noise, before = self.plain.noise.rms, sizes
         for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
             ratio = (trial.left + SEEN * noise) / (before.left(noise) + SEEN * noise)

@@ -78,12 +78,6 @@ class Whitening:
         basis, shrink = self.shared
         return rows + _along(basis, shrink / (1.0 - shrink), rows)
 
-    def without_shared(self) -> Whitening:
-        """The whitening without what :meth:`beside` has marginalised."""
-        if not self.shared:
-            return self
-        return replace(self, shared=(), log_det=self.log_det + 2.0 * float(np.log1p(-self.shared[1]).sum()))
-
     def beside(self, columns: np.ndarray) -> Whitening:
         """The whitening with further normal coefficients marginalised.
 

@@ -108,7 +108,7 @@ class AxesMotion:
 
     Attributes:
         test: the test. keep: motions kept per axis. light: give the fine time grid and its commands back after every
-            :meth:`load`.
+            :meth:`load`. substeps: least in a step.
     """
 
     __test__ = False
@@ -116,6 +116,7 @@ class AxesMotion:
     test: BallBarTest
     keep: int = 3
     light: bool = False
+    substeps: int = SUBSTEPS
 
     def __post_init__(self) -> None:
         self.program = Program(self.test)
@@ -144,8 +145,9 @@ class AxesMotion:
         """Which axes move in this test, (axes,) bool."""
         return np.ptp(self.commands, axis=0) > 0.0
 
-    def motor(self, axis: str, drive: AxisPlant, every: int = 1, substeps: int = SUBSTEPS) -> np.ndarray:
+    def motor(self, axis: str, drive: AxisPlant, every: int = 1, substeps: int | None = None) -> np.ndarray:
         """Motor position of one axis in axis units at every ``every``-th instant; no more than that is kept."""
+        substeps = substeps or self.substeps
         kept, key = self._kept[axis], (every, substeps, drive.key())
         with self._turn:
             if key in kept:
@@ -228,17 +230,20 @@ class AxesMotion:
         return reading_in(self.test, self.load(plant, every), plant.geometry)
 
 
-def motions_of(tests: Sequence[BallBarTest], keep: int = 3, light: bool = False) -> tuple[AxesMotion, ...]:
+def motions_of(
+    tests: Sequence[BallBarTest], keep: int = 3, light: bool = False, substeps: int = SUBSTEPS
+) -> tuple[AxesMotion, ...]:
     """The motion of each test; readings of one recording share it.
 
     Args:
         tests: Of one campaign.
         keep: Motions kept per axis.
         light: As of :class:`AxesMotion`.
+        substeps: Likewise.
     """
     known: dict[str, AxesMotion] = {}
     for t in tests:
-        known.setdefault(t.recording, AxesMotion(t, keep, light))
+        known.setdefault(t.recording, AxesMotion(t, keep, light, substeps))
     return tuple(known[t.recording].read_as(t) for t in tests)
 
 

@@ -56,8 +56,13 @@ class Reach:
         return self._holds[key]
 
     def motions(self, test: BallBarTest) -> tuple[AxesMotion, ...]:
-        """Motions of the axes in the readings of a test."""
-        return self._motions.setdefault(key_of(test), motions_of(test.readings, _KEPT, light=True))
+        """Motions of the axes in the readings of a test. They are compared with each other: what a single sub-step of
+        the drives misses is the same in all.
+        """
+        key = key_of(test)
+        if key not in self._motions:
+            self._motions[key] = motions_of(test.readings, _KEPT, light=True, substeps=1)
+        return self._motions[key]
 
 
 def key_of(test: BallBarTest) -> str:
