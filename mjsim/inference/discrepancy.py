@@ -212,6 +212,41 @@ class Discrepancy:
         return out[:, :-1], out[:, -1]
 
 
+@dataclass(frozen=True)
+class OfTest:
+    """Products of the columns of one test, and of the residual behind all of them.
+
+    Attributes:
+        at: Places of those that reach the test, (n,).
+        gram: Their products with each other, (n, n).
+        cross: With the columns of the knots, (n, knots).
+        knots: Of the columns of the knots with each other, (knots, knots).
+        along: With the basis of the test, (m, n).
+        knots_along: Of the knots with it, (m, knots).
+    """
+
+    at: np.ndarray
+    gram: np.ndarray
+    cross: np.ndarray
+    knots: np.ndarray
+    along: np.ndarray
+    knots_along: np.ndarray
+
+    def across(self) -> OfTest:
+        """The same without what lies along the basis."""
+        a, b = self.along, self.knots_along
+        return replace(self, gram=self.gram - a.T @ a, cross=self.cross - a.T @ b, knots=self.knots - b.T @ b)
+
+    def add_to(self, total: np.ndarray, weight: float) -> None:
+        """Add the products to those of all tests, (p, p), the knots behind all else; below the diagonal they are left
+        out.
+        """
+        behind = slice(len(total) - len(self.knots), None)
+        total[np.ix_(self.at, self.at)] += weight * self.gram
+        total[self.at, behind] += weight * self.cross
+        total[behind, behind] += weight * self.knots
+
+
 class Products:
     """Products of columns with each other, test by test, and along the basis of the discrepancy: all that a linear
     model needs of them for any sizes.
@@ -239,9 +274,9 @@ class Products:
         return self.dense + sum(root.shape[1] for _, root in self._curves)
 
     @property
-    def raw(self) -> int:
-        """Number of columns where a curve has those of its knots."""
-        return self.dense + max((at.stop for at, _ in self._curves), default=0)
+    def knots(self) -> int:
+        """Number of knots of all curves."""
+        return max((at.stop for at, _ in self._curves), default=0)
 
     def along_more(self, discrepancy: Discrepancy) -> Products:
         """The same for a discrepancy whose basis has further directions behind those of this one."""
@@ -277,16 +312,14 @@ class Products:
         for columns in self.blocks:
             out += columns @ x[first : first + columns.shape[1]]
             first += columns.shape[1]
-        values = np.zeros(self.raw - self.dense)
+        values = np.zeros(self.knots)
         for at, root in self._curves:
             values[at] += root @ x[first : first + root.shape[1]]
             first += root.shape[1]
         return out + self._knots @ values
 
-    def of_test(self, k: int, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places of the columns that reach a test, and of the residual behind all of them, (n,); their products with
-        each other, (n, n), and with the basis of the test, (m, n). A curve has the columns of its knots, of which
-        :meth:`of_curves` makes those of its coefficients.
+    def of_test(self, k: int, residual: np.ndarray) -> OfTest:
+        """Products of the columns that reach a test, of the residual and of the knots.
 
         Args:
             k: The test.
@@ -298,21 +331,26 @@ class Products:
         first, knots = self.blocks[0][at, live], self._knots[at]
         own = np.hstack([*(b[at] for b in self.blocks[1:]), residual[at, None]])
         seen = np.flatnonzero(own.any(axis=0))
-        own, seen = own[:, seen], self.blocks[0].shape[1] + seen
-        seen[seen == self.dense] = self.raw
-        a, b, c = first.T @ own, knots.T @ first, knots.T @ own
-        gram = self._gram[k][np.ix_(live, live)]
-        gram = np.block([[gram, a, b.T], [a.T, own.T @ own, c.T], [b, c, (knots.T @ knots).toarray()]])
-        along = np.hstack([self._along[k][:, live], basis.T @ own, (knots.T @ basis).T])
-        return np.concatenate([live, seen, np.arange(self.dense, self.raw)]), gram, along
+        own, across = own[:, seen], first.T @ own[:, seen]
+        gram = np.block([[self._gram[k][np.ix_(live, live)], across], [across.T, own.T @ own]])
+        return OfTest(
+            np.append(live, self.blocks[0].shape[1] + seen),
+            gram,
+            np.vstack([(knots.T @ first).T, (knots.T @ own).T]),
+            (knots.T @ knots).toarray(),
+            np.hstack([self._along[k][:, live], basis.T @ own]),
+            (knots.T @ basis).T,
+        )
 
     def of_curves(self, products: np.ndarray) -> np.ndarray:
-        """Products with the columns of the curves, (m, width + 1), of those with the columns of their knots."""
+        """Products (m, width + 1) with all columns and the residual, which is the last, of those (m, dense + 1 + knots)
+        where the knots stand behind the residual.
+        """
         if not self._curves:
             return products
-        behind = products[:, self.dense :]
+        own, behind = products[:, : self.dense], products[:, self.dense + 1 :]
         parts = [behind[:, at] @ root for at, root in self._curves]
-        return np.hstack([products[:, : self.dense], *parts, products[:, -1:]])
+        return np.hstack([own, *parts, products[:, self.dense, None]])
 
 
 class LinearModel:
@@ -339,25 +377,30 @@ class LinearModel:
         self.precision, self.departure = precision, departure
         self._along, self._live, self._across = [], [], []
         factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
-        n = products.raw + 1
-        summed = {key: np.zeros((n, n)) for key in factors}
+        totals = {key: self._nothing() for key in factors}
         for k in range(len(self.discrepancy.rows)):
-            places, gram, along = products.of_test(k, residual)
-            at, across = np.ix_(places, places), gram - along.T @ along
-            if not only:
-                self._across.append((at, across))
+            mine = products.of_test(k, residual)
+            along = np.zeros((len(mine.along), products.dense + 1 + products.knots))
+            along[:, mine.at], along[:, products.dense + 1 :] = mine.along, mine.knots_along
+            along = products.of_curves(along)
+            self._live.append(np.flatnonzero(along.any(axis=0)))
+            self._along.append(along[:, self._live[k]])
+            across = mine.across()
             for key, factor in factors.items():
-                summed[key][at] += across / factor[k] ** 2
-            whole = np.zeros((len(along), n))
-            whole[:, places] = along
-            whole = products.of_curves(whole)
-            self._live.append(np.flatnonzero(whole.any(axis=0)))
-            self._along.append(whole[:, self._live[k]])
-        self._summed = {key: self._of_curves(total) for key, total in summed.items()}
+                across.add_to(totals[key], factor[k] ** -2.0)
+            if not only:
+                self._across.append(across)
+        self._summed = {key: self._of_all(total) for key, total in totals.items()}
 
-    def _of_curves(self, total: np.ndarray) -> np.ndarray:
-        """Products of all columns and the residual with each other, of those with the columns of curves' knots."""
-        return self.products.of_curves(self.products.of_curves(total).T).T
+    def _nothing(self) -> np.ndarray:
+        """No products yet of columns, residual and knots with each other."""
+        return np.zeros((self.products.dense + 1 + self.products.knots,) * 2)
+
+    def _of_all(self, total: np.ndarray) -> np.ndarray:
+        """Products of all columns and the residual with each other, of those with the knots in the place of curves."""
+        behind = self.products.dense + 1
+        total[behind:, :behind] = total[:behind, behind:].T
+        return self.products.of_curves(self.products.of_curves(total).T)
 
     def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
         """Products of columns and residual across the basis of the discrepancy, where there is only noise, (p + 1,
@@ -365,10 +408,10 @@ class LinearModel:
         """
         key = factor.tobytes()
         if key not in self._summed:
-            total = np.zeros((self.products.raw + 1,) * 2)
-            for (at, across), f in zip(self._across, factor, strict=True):
-                total[at] += across / f**2
-            self._summed = {key: self._of_curves(total)}
+            total = self._nothing()
+            for across, f in zip(self._across, factor, strict=True):
+                across.add_to(total, f**-2.0)
+            self._summed = {key: self._of_all(total)}
         return self._summed[key]
 
     def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
