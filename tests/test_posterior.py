@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 from scipy.stats import ncx2
 
 from mjsim.inference.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
@@ -150,6 +151,18 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     covariance = covariance + further @ further.T
     expected = -0.5 * (rows @ np.linalg.solve(covariance, rows) + np.linalg.slogdet(covariance)[1])
     assert wider.log_evidence(sizes) - sizes.log_prior == pytest.approx(expected)
+    # two curves that share their knots are columns like others
+    knots = rng.standard_normal((60, 4)) * (rng.random((60, 4)) < 0.3)
+    roots = [rng.standard_normal((4, 3)), rng.standard_normal((4, 2))]
+    sparse = csr_array(knots)
+    curves = Products(d, columns).extended(further).with_curves([(sparse, root) for root in roots])
+    more = LinearModel(curves, rows, np.append(prior, np.ones(7)), np.zeros(10))
+    known = covariance + sum(knots @ root @ root.T @ knots.T for root in roots)
+    expected = -0.5 * (rows @ np.linalg.solve(known, rows) + np.linalg.slogdet(known)[1])
+    assert more.log_evidence(sizes) - sizes.log_prior == pytest.approx(expected)
+    x = rng.standard_normal(10)
+    dense = np.hstack([columns, further, *(knots @ root for root in roots)])
+    assert curves.times(x) == pytest.approx(dense @ x)
     # asked about these sizes alone, it keeps less and says the same
     short = LinearModel(wider.products, rows, wider.precision, wider.departure, [sizes, sizes.times(0.5)])
     assert short.log_evidence(sizes) == pytest.approx(wider.log_evidence(sizes))
@@ -192,6 +205,22 @@ def test_the_evidence_of_a_curve_is_that_of_its_covariance():
         for g in set(range(6)) - set(chosen):
             each = [linear.total({**chosen, g: w}) - linear.total(chosen) for w in widths]
             assert odds[g] == pytest.approx(np.logaddexp.reduce(each), rel=1e-6, abs=1e-6)
+
+
+def test_the_evidence_of_a_set_is_the_same_whatever_was_asked_before():
+    """Curves come and go, one from the sets before: the last of a hundred sets is that of its covariance."""
+    rng = np.random.default_rng(7)
+    x = rng.standard_normal((300, 162)) @ np.diag(np.append(np.geomspace(30.0, 1e-3, 160), [1.0, 2.0]))
+    y = x[:, 30:60] @ rng.standard_normal(30) + rng.standard_normal(300)
+    widths = np.array([0.1, 20.0])
+    places = [*np.split(np.arange(160), 4), np.array([160]), np.array([161])]
+    linear = LinearEvidence(x.T @ x, x.T @ y, [Columns(f"h{i}", at, 0.0, widths) for i, at in enumerate(places)])
+    for _ in range(100):
+        chosen = {int(g): float(rng.choice(widths)) for g in np.flatnonzero(rng.random(6) < 0.5)}
+        linear.odds(chosen)
+        covariance = np.eye(300) + sum(w**2 * x[:, places[g]] @ x[:, places[g]].T for g, w in chosen.items())
+        expected = -0.5 * (y @ np.linalg.solve(covariance, y) - y @ y + np.linalg.slogdet(covariance)[1])
+        assert linear.total(chosen) == pytest.approx(expected - len(chosen) * np.log(2), rel=1e-8)
 
 
 def test_the_planted_set_is_found_from_any_start(few):
