@@ -107,8 +107,8 @@ class AxesMotion:
     """Motor-side motions of one test, computed per axis on demand and kept for the drives used last.
 
     Attributes:
-        test: the test. keep: motions kept per axis. light: give the fine time grid and its commands back after every
-            :meth:`load`. substeps: least in a step.
+        test: the test. keep: motions kept per axis. light: whether to :meth:`give_back` after every :meth:`load`.
+            substeps: least in a step.
     """
 
     __test__ = False
@@ -209,11 +209,15 @@ class AxesMotion:
             axes = q[:, : plant.chain.count]
             axes += added(plant, self.test.started, time, axes, STEP, self.test.table_ball)
         if self.light:
-            with self._turn:
-                self._late.clear()
-            for name in ("time", "commands"):
-                vars(self).pop(name, None)
+            self.give_back()
         return np.ascontiguousarray(q[:: every // fine])
+
+    def give_back(self) -> None:
+        """Give back the fine time grid and its commands, which are many times as much as what is kept of the drives."""
+        with self._turn:
+            self._late.clear()
+        for name in ("time", "commands"):
+            vars(self).pop(name, None)
 
     def sensitivity(self, plant: Plant, every: int = 1) -> BarSensitivity:
         """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach. The spindle

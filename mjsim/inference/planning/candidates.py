@@ -61,7 +61,7 @@ class Reach:
         """
         key = key_of(test)
         if key not in self._motions:
-            self._motions[key] = motions_of(test.readings, _KEPT, light=True, substeps=1)
+            self._motions[key] = motions_of(test.readings, _KEPT, substeps=1)
         return self._motions[key]
 
 

@@ -156,7 +156,10 @@ class Separator:
 
     def _adapted(self, test: BallBarTest, lasting: bool) -> Separation:
         """One test when the second explanation has adapted its set-up, and with ``lasting`` all that it may."""
-        parts = [self._seen_by(motion, lasting) for motion in self.reach.motions(test)]
+        motions = self.reach.motions(test)
+        parts = [self._seen_by(motion, lasting) for motion in motions]
+        for motion in motions:  # hundreds of tests are looked at
+            motion.give_back()
         d, J, rows = (np.concatenate(x) for x in zip(*parts, strict=True))
         dw, Jw = rows[:, 0], rows[:, 1:]
         adapted = ridge_solution(Jw.T @ Jw, Jw.T @ dw, 1.0)
