@@ -465,19 +465,38 @@ def test_a_curve_follows_the_motion_that_the_machine_makes(cause, value):
         assert np.std((columns @ value(term.knots) - want)[calm]) < 0.02 * np.std(want)
 
 
-def test_an_oval_table_is_one_wave_along_the_radius():
-    """Two waves per turn are explained best by two waves per turn, not by a curve of any shape."""
-    from mjsim.inference.curve_terms import RADIAL, CurveTerms, radial_curves
+def with_an_oval_table(size):
+    """The same machine and tests with a table that pushes the ball outwards twice per turn, µm."""
+    from mjsim.inference.curve_terms import CurveTerms, radial_curves
     from mjsim.inference.fit import Fitter
-    from mjsim.inference.unknown_curves import best_curves
 
     machine, problem = two_cones()
     (term,) = radial_curves(CurveTerms(problem, Fitter(problem, machine).fit([])))
-    oval = 3.0 * np.cos(2.0 * term.knots - 0.5)
+    oval = size * np.cos(2.0 * term.knots - 0.5)
     samples = []
     for s, columns in zip(problem.samples, term.columns, strict=True):
         samples.append(s.without(-np.interp(s.time, s.centre, columns @ oval)))
-    problem = dataclasses.replace(problem, samples=tuple(samples))
+    return machine, dataclasses.replace(problem, samples=tuple(samples))
+
+
+def test_one_unknown_cause_stands_in_the_place_of_several_that_imitate_it():
+    """Error motions of two orders and a pitch error do nearly what one oval table does."""
+    from mjsim.inference.bar_search import BarSearch
+    from mjsim.inference.fit import Fitter
+
+    machine, problem = with_an_oval_table(3.0)
+    found = BarSearch(Fitter(problem, machine)).run().model
+    assert not found.fit.effects
+    assert [(c.term.moves, c.prior) for c in found.curves] == [("table radial", "lobes")]
+
+
+def test_an_oval_table_is_one_wave_along_the_radius():
+    """Two waves per turn are explained best by two waves per turn, not by a curve of any shape."""
+    from mjsim.inference.curve_terms import RADIAL
+    from mjsim.inference.fit import Fitter
+    from mjsim.inference.unknown_curves import best_curves
+
+    machine, problem = with_an_oval_table(3.0)
     odds, best = best_curves(problem, Fitter(problem, machine).fit([]), problem)[0]
     assert (best.term.moves, best.prior) == (RADIAL, "lobes") and odds > 100.0
     waves = np.abs(np.fft.rfft(best.root, axis=0))

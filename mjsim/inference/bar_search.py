@@ -46,6 +46,7 @@ from mjsim.inference.search import (
     Found,
     Model,
     Search,
+    best_singles,
     with_priors_of_size,
 )
 from mjsim.inference.signatures import Candidate, Offer, Row, SignatureBank, seeds, seeds_of
@@ -243,13 +244,32 @@ class BarSearch(Search[Problem]):
                 return self._found(few)
             usual = self._searched(usual)
         else:  # a fault that is no small error: by itself, or beside them
-            few = self._extended(self._on_present_samples(few), ROUNDS, usual.evidence)
+            begun = self._on_present_samples(few)
+            few = self._extended(begun, ROUNDS, usual.evidence)
             if few.leaves_nothing:
-                return self._found(self._searched(few))
+                return self._found(self._searched(self._or_one_curve(few, begun)))
             usual = self._searched(self._on_present_samples(usual))
             if few.evidence > usual.evidence:
                 usual = max(usual, self._searched(few), key=lambda m: m.evidence)
         return self._found(max(usual, self._with_few(usual), key=lambda m: m.evidence))
+
+    def _or_one_curve(self, several: Model[Problem], model: Model[Problem]) -> Model[Problem]:
+        """Causes that were found one after the other, or the best curve of an unknown cause in the place of all of
+        them, whichever explains the data better: one wave of a table that is not round is two error motions as well.
+
+        Args:
+            several: With the causes.
+            model: Without any.
+        """
+        if len(several.fit.effects) < 2:
+            return several
+        model = self._on_present_samples(model)
+        hypotheses = self._hypotheses(model, curves=True)
+        here = self._widths(hypotheses)
+        rows = best_singles(hypotheses, here, hypotheses.judged(here))
+        curves = [row for row in rows if any(hypotheses.all[g].curve is not None for g in row[1])]
+        trials = [self._fitted(model, (hypotheses, chosen, level)) for _, chosen, level in curves]
+        return max([several, *trials], key=lambda m: m.evidence)
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
         """The best model of a machine that is as its file says but for a few causes, found from one with everything

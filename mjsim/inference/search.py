@@ -174,7 +174,7 @@ class Found(Generic[D]):
 Promised = tuple[float, Chosen, int]
 
 
-def _best_singles(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> list[Promised]:
+def best_singles(hypotheses: Hypotheses, here: Chosen, judged: Sequence[Judged]) -> list[Promised]:
     """The single cause of the catalogue, and the single curve of an unknown cause, that promise most beside what is in
     the model, the better one first; none where they promise nothing.
 
@@ -520,7 +520,7 @@ class Search(Ascent[Model[D]]):
         ranked = sorted(proposals.values(), key=lambda row: -row[0])[:FITTED]
         if not ranked:
             return []
-        rows = [row for row in _best_singles(hypotheses, here, judged) if row[0] > _SHARE * ranked[0][0]]
+        rows = [row for row in best_singles(hypotheses, here, judged) if row[0] > _SHARE * ranked[0][0]]
         alone = len(rows)
         rows += [row for row in ranked if row[:2] not in [r[:2] for r in rows]]
         return [
