@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from mjsim.inference.findings import _BarReader, explain
 from mjsim.inference.fit import Fitter
 from mjsim.inference.linearisation import Linearisation
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import Found, Model
+from mjsim.inference.search import _UNLIKELY, TOLD, Found, Model, names_to_tell
 from mjsim.inference.signatures import SignatureBank, seeds
 from mjsim.inference.spectrum import sides_of, spectral_candidates, wave
 from mjsim.inference.unknown_curves import Curve, _BesideModel, priors_of
@@ -392,3 +393,18 @@ def test_the_typical_table_is_the_one_of_a_new_campaign(tmp_path):
     table = text.split("# [tolerance]")[1].split("[drive.")[0]
     stated = "\n".join(line.removeprefix("# ") for line in table.splitlines())
     assert tomllib.loads(stated) == TYPICAL_TOLERANCE | VOLUMETRIC_TOLERANCE
+
+
+def test_a_cause_has_no_share_of_what_is_not_told():
+    """Of three explanations the third is too improbable to be told; the first has no more for it."""
+    evidence = np.log([0.90, 0.07, 0.03])
+    rivals = [(name, SimpleNamespace(evidence=e)) for name, e in zip("bc", evidence[1:], strict=True)]
+    mine, told = names_to_tell(rivals, evidence[0], "a")
+    assert mine == pytest.approx(0.90)
+    assert {name: share for name, (share, _) in told.items()} == {"b": pytest.approx(0.07)}
+
+
+def test_what_explains_the_data_as_well_is_told_whatever_its_size():
+    """A size that makes no sense by itself costs less than would keep it from being told."""
+    mine, told = names_to_tell([("odd", SimpleNamespace(evidence=-_UNLIKELY))], 0.0, "a")
+    assert mine < TOLD and list(told) == ["odd"]

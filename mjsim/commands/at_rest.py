@@ -238,7 +238,7 @@ def _with_logs(verdicts: Verdicts, logs: LogDiagnosis) -> dict[str, float]:
     if logs.verdict == "unknown":
         return {}
     out = verdicts.to_json()
-    sound = float(np.prod([1.0 - (e.probability or 0.0) - sum(e.others.values()) for e in logs.effects]))
+    sound = float(np.prod([1.0 - (e.whole or 0.0) for e in logs.effects]))
     moved = out["nothing_found"] * (1.0 - sound)
     named = "ambiguous" if logs.verdict == "ambiguous" else "identified"
     return out | {"nothing_found": round(out["nothing_found"] - moved, 4), named: round(out[named] + moved, 4)}

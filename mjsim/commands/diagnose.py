@@ -283,11 +283,11 @@ def _of_bar(e: DiagnosedEffect, judged: Judged, logs: LogDiagnosis) -> Diagnosed
             if support is not None and support > LEAST:
                 tests += [d.test.name for d in logs.after.tests if effect.subject in d.axes]
     competitors = {} if decision is None else {e.found_by: decision.bar, LogTest.instrument: decision.logs}
-    whole = None if e.probability is None else e.probability + sum(e.others.values())
-    told = e.others if decision is None else {i.split("[")[0]: (whole or 0.0) * p for i, p in decision.told.items()}
+    whole = e.whole or 0.0
+    told = e.others if decision is None else {i.split("[")[0]: whole * p for i, p in decision.told.items()}
     return replace(
         e,
-        probability=None if whole is None else whole - sum(told.values()),
+        probability=e.probability if decision is None else whole * decision.share,
         others=told,
         effect=effect,
         free=e.free if effect.id == e.effect.id else tuple(ci),

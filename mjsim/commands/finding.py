@@ -51,6 +51,7 @@ class DiagnosedEffect:
         probability: That it is this cause, and larger than a machine of its class may have; ``None`` where no posterior
             says so.
         others: Probabilities of its alternatives, by id.
+        whole: That it is one of all that could stand in its place, told or not, and larger.
         undetermined: Names of fitted parameters that the data leave open: at a bound, or as wide as before.
     """
 
@@ -71,6 +72,7 @@ class DiagnosedEffect:
     contradicted: bool = False
     probability: float | None = None
     others: dict[str, float] = field(default_factory=dict)
+    whole: float | None = None
     undetermined: tuple[str, ...] = ()
 
     @property
@@ -166,7 +168,7 @@ def findings_of(
         free = of_key[f.key]
         ci = free.interval(free.vector, selection.fit.covariance_of(free))
         found = DiagnosedEffect(free.effect, free.names, ci, 0.0, 0.0, f.alternatives, tests_of(f.key), f.gain)
-        out.append(replace(found, probability=f.probability, others=f.others, found_by=instrument))
+        out.append(replace(found, probability=f.probability, others=f.others, whole=f.whole, found_by=instrument))
     return out
 
 

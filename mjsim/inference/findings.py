@@ -163,9 +163,8 @@ class ClassSizes:
         out = []
         for f in fit.effects:
             key, large = f.effect.key, size[f.effect.key]
-            told = names_to_tell(rivals_of.get(key, []), evidence, name_of(f.effect))
+            mine, told = names_to_tell(rivals_of.get(key, []), evidence, name_of(f.effect))
             columns = fit.design.columns(fit.parameters[f.block.name]) @ (f.vector - f.off)
-            mine = 1.0 - sum(p for p, _ in told.values())
             entry = FoundEffect(key, float(columns @ columns), {i: m.fit for i, (_, m) in told.items()})
             others_p = {i: p * large for i, (p, _) in told.items()}
             out.append(replace(entry, probability=mine * large, others=others_p, whole=large))

@@ -51,8 +51,9 @@ ROUNDS = 8
 #: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
 #: one; the share of its log odds that the linear problem may be wrong by (assumed); and most that are fitted there.
 NEAR, ROUGH, RIVALS = 12.0, 0.1, 2
-#: Evidence against a cause of a size that makes no sense by itself, nats: odds of one to twenty (assumed).
-_UNLIKELY = 3.0
+#: Evidence against a cause of a size that makes no sense by itself, nats: odds of one to ten (assumed). With one to
+#: twenty such a cause would never be told, however well it explains the data: see TOLD.
+_UNLIKELY = 2.3
 #: Probability that the causes which are told in the place of one have together: with which ISO 14253-1 takes it for
 #: proven that a number is beyond its limit.
 TOLD = 0.95
@@ -282,9 +283,11 @@ def number_to_tell(shares: np.ndarray) -> int:
     return int(np.searchsorted(np.cumsum(shares), TOLD)) + 1
 
 
-def names_to_tell(rivals: Sequence[tuple[str, E]], evidence: float, own: str = "") -> dict[str, tuple[float, E]]:
-    """What is told of rivals of a cause: share of the probability, and model, by id; the fewest that hold the truth
-    with the probability of what is told.
+def names_to_tell(
+    rivals: Sequence[tuple[str, E]], evidence: float, own: str = ""
+) -> tuple[float, dict[str, tuple[float, E]]]:
+    """Share of the probability that a cause has beside all its rivals, and what is told of these: share and model, by
+    id; the fewest that hold the truth with the probability of what is told.
 
     Args:
         rivals: Ids, and models with them in the cause's place.
@@ -296,12 +299,13 @@ def names_to_tell(rivals: Sequence[tuple[str, E]], evidence: float, own: str = "
     for (i, m), share in zip(rivals, np.exp(logs - np.logaddexp.reduce(logs))[1:], strict=True):
         if share > others.get(i, (0.0,))[0] and i != own:
             others[i] = float(share), m
-    told, covered = {}, 1.0 - sum(p for p, _ in others.values())
+    mine = 1.0 - sum(p for p, _ in others.values())
+    told, covered = {}, mine
     for i, (p, m) in sorted(others.items(), key=lambda row: -row[1][0]):
         if covered < TOLD and not i.startswith("curve"):
             told[i] = p, m
         covered += p
-    return told
+    return mine, told
 
 
 class Ascent(ABC, Generic[M]):

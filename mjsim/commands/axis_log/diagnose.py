@@ -241,7 +241,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
         effect, ci = fit.model.machine.effect(cause.effect_id), ranges.get(cause.effect_id, {})
         assert effect is not None
         # where more is left than a sound machine leaves, a finding may be the work of what is in no catalogue
-        is_finding = cause.whole >= FINDING and cause.probability + sum(cause.others.values()) >= 0.5
+        is_finding = cause.whole >= FINDING and cause.whole * cause.known >= 0.5
         if not is_finding or (effect.id in out and out[effect.id].gain >= cause.gain):
             continue
         out[effect.id] = DiagnosedEffect(
@@ -257,6 +257,7 @@ def effects_of(selection: AxisSelection) -> list[DiagnosedEffect]:
             together=known_together(fit, effect.id, _order_of(cause)),
             probability=cause.probability,
             others=cause.others,
+            whole=cause.whole * cause.known,
             undetermined=tuple(name for name in ci if f"{effect.id}.{name}" in open_),
         )
     return list(out.values())

@@ -55,6 +55,7 @@ class FoundCause:
         gain: Log evidence that it gains, prior odds included.
         whole: Probability that it, or what could stand in its place, is there and larger than a machine of its class
             may have.
+        known: Probability that what it explains is not that of a cause which is in no catalogue.
         probability: That it is this cause.
         others: Probabilities of effects that the recordings cannot tell from it, by id.
         rejected: How much less log evidence others have in its place, by id.
@@ -66,6 +67,7 @@ class FoundCause:
     effect_id: str
     gain: float
     whole: float
+    known: float
     probability: float
     others: dict[str, float] = field(default_factory=dict)
     rejected: dict[str, float] = field(default_factory=dict)

@@ -254,14 +254,16 @@ class AxisSearch(Ascent[LogModel]):
         without = rivals.without.fit
         own = model.evidence - rivals.without.evidence
         whole = probability_of_size(cause, fit, without) / (1.0 + float(np.exp(-np.clip(own, -700.0, 700.0))))
-        told = names_to_tell(rivals.models, model.evidence)
-        p = whole * probability_known(cause, fit, without)
+        mine, told = names_to_tell(rivals.models, model.evidence)
+        known = probability_known(cause, fit, without)
+        p = whole * known
         others = {i: p * share for i, (share, _) in told.items()}
         shows = without.mean_squares > (1.0 + _SHOWS) * fit.mean_squares
         tests = tuple(dict.fromkeys(d.name for d, there in zip(self.fitter.rows, shows, strict=True) if there))
         competing = {i: m.fit for i, (_, m) in told.items()}
-        mine = p - sum(others.values())
-        return FoundCause(cause.key, cause.effect.id, own, whole, mine, others, rivals.rejected, tests, competing)
+        return FoundCause(
+            cause.key, cause.effect.id, own, whole, known, p * mine, others, rivals.rejected, tests, competing
+        )
 
 
 def _has_bent_sheet(model: AxisModel) -> bool:

@@ -46,12 +46,14 @@ class Decision:
         effect_id: Of the best model.
         bar: By how much less log evidence each other model has for the ball bar, by effect id.
         logs: The same for the axis logs.
-        told: Share of the probability of those that both together leave, by effect id.
+        share: Of the probability that the best model has.
+        told: Those of the others that both together leave, by effect id.
     """
 
     effect_id: str
     bar: dict[str, float]
     logs: dict[str, float]
+    share: float
     told: dict[str, float]
 
     @property
@@ -158,10 +160,11 @@ def decide(models: Sequence[CompetingModel], fits: Sequence[Sequence[AxisFit]]) 
     joint = [replace(m, evidence=m.evidence + e) for m, e in zip(models, logs, strict=True)]
     best = max(range(len(models)), key=lambda j: joint[j].evidence)
     others = [j for j in range(len(models)) if j != best]
-    told = names_to_tell([(joint[j].effect_id, joint[j]) for j in others], joint[best].evidence)
+    share, told = names_to_tell([(joint[j].effect_id, joint[j]) for j in others], joint[best].evidence)
     return Decision(
         models[best].effect_id,
         {models[j].effect_id: models[best].evidence - models[j].evidence for j in others},
         {models[j].effect_id: logs[best] - logs[j] for j in others},
-        {i: share for i, (share, _) in told.items()},
+        share,
+        {i: p for i, (p, _) in told.items()},
     )
