@@ -248,7 +248,8 @@ def best_curves(
             for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
     kept = sorted(out.values(), key=lambda row: -row[0])
-    rows = {id(term): plain.whiten_sparse(term.columns.sparse) for _, term, *_ in kept}
+    distinct = {id(term): term for _, term, *_ in kept}  # several priors of one curve share its rows
+    rows = {key: plain.whiten_sparse(term.columns.sparse) for key, term in distinct.items()}
     return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in kept]
 
 
