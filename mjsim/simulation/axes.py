@@ -121,7 +121,6 @@ class AxesMotion:
     def __post_init__(self) -> None:
         self.program = Program(self.test)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
-        self._late: OrderedDict[float, np.ndarray] = OrderedDict()
         self._turn = RLock()
 
     def read_as(self, test: BallBarTest) -> AxesMotion:
@@ -168,24 +167,9 @@ class AxesMotion:
         n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
         return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
-    def _delayed(self, delay: float) -> np.ndarray:
-        """Commands ``delay`` s late, (n, axes) m and rad: the path of a cone takes long, and derivatives ask for the
-        same one again and again.
-        """
-        if not delay:
-            return self.commands
-        with self._turn:
-            if delay not in self._late:
-                self._late[delay] = self.program.commands(self.time - delay)
-            self._late.move_to_end(delay)
-            out = self._late[delay]
-            while len(self._late) > self.keep:
-                self._late.popitem(last=False)
-            return out
-
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
         i = self.test.chain.index(axis)
-        r = self._delayed(drive.delay)[:, i]
+        r = self.program.late(i, self.commands, STEP, drive.delay) if drive.delay else self.commands[:, i]
         # an axis that never moves stays: the integrator holds gravity
         moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
         return np.ascontiguousarray(moved[::every])
@@ -214,8 +198,6 @@ class AxesMotion:
 
     def give_back(self) -> None:
         """Give back the fine time grid and its commands, which are many times as much as what is kept of the drives."""
-        with self._turn:
-            self._late.clear()
         for name in ("time", "commands"):
             vars(self).pop(name, None)
 

@@ -14,6 +14,9 @@ from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import usual_speed
 from mjsim.units import DEG, MM
 
+#: Every such instant of a path is computed, so that its turns are counted without a gap.
+_COUNTED = 100
+
 
 @dataclass(frozen=True)
 class Program:
@@ -67,6 +70,42 @@ class Program:
         if self._followed:
             return self._followed.commands(time)
         return self.path(self.phi(time))
+
+    @cached_property
+    def _steady(self) -> tuple[float, float]:
+        """Times between which the path is smooth and followed at a constant feed, s; none in an NC file's blocks."""
+        if self._followed:
+            return np.inf, -np.inf
+        ramp = self.test.feed / self.acceleration
+        return ramp, self.duration - ramp
+
+    def late(self, axis: int, commands: np.ndarray, step: float, delay: float) -> np.ndarray:
+        """Commands of one axis (n,) that come ``delay`` s late. A path takes long to compute. At a constant feed a
+        cubic through four neighbours gives the same, within 0.01 nm.
+
+        Args:
+            axis: Its place.
+            commands: Of all axes without delay, (n, axes) m and rad, from the program's start.
+            step: Between two of them, s.
+            delay: s; negative if they come early.
+        """
+        at = np.arange(len(commands))
+        begin, end = self._steady
+        time = at * step - delay
+        exact = (time < begin + 3.0 * step) | (time > end - 3.0 * step)
+        exact[::_COUNTED] = True
+        before = int(np.floor(-delay / step))
+        u, known = -delay / step - before, np.ascontiguousarray(commands[:, axis])
+        weights = (
+            -u * (u - 1.0) * (u - 2.0) / 6.0,
+            (u + 1.0) * (u - 1.0) * (u - 2.0) / 2.0,
+            -u * (u + 1.0) * (u - 2.0) / 2.0,
+            u * (u + 1.0) * (u - 1.0) / 6.0,
+        )
+        near = (known.take(at + (before + j), mode="clip") for j in (-1, 0, 1, 2))
+        out = np.sum([w * q for w, q in zip(weights, near, strict=True)], axis=0)
+        out[exact] = self.commands(time[exact])[:, axis]
+        return out
 
     def path(self, phi: np.ndarray) -> np.ndarray:
         """Axis positions (n, axes), m and rad, of the test's own path at φ (n,) rad."""
