@@ -27,7 +27,7 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.findings import _BarReader, explain
 from mjsim.inference.fit import Fitter
 from mjsim.inference.linearisation import Linearisation
-from mjsim.inference.problem import Problem
+from mjsim.inference.problem import KeptChanges, Problem
 from mjsim.inference.search import _UNLIKELY, TOLD, Found, Model, names_to_tell
 from mjsim.inference.signatures import SignatureBank, seeds
 from mjsim.inference.spectrum import sides_of, spectral_candidates, wave
@@ -84,7 +84,7 @@ def test_the_level_of_a_curve_is_not_held_for_its_size(real):
     fit = search.fitter.with_problem(white).fit([], iterations=1)
     term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
     root = next(root for name, root in priors_of(term) if name == "smooth")
-    curve = Curve(term, "smooth", root, problem.whiten_sparse(term.columns.sparse), 0.0, width=2.0)
+    curve = Curve(term, "smooth", root, problem.whiten_sparse(term.columns.together()), 0.0, width=2.0)
     model = Model({}, fit, white, Sizes(0.4e-6, 0.2e-6, np.ones(len(problem.tests))), (curve,))
     ((_, (values, spread)),) = _BarReader(search, Found(fit, model, None), silent)._values(fit)
     columns = 2.0 * white.whiten([c @ root for c in term.columns])
@@ -244,6 +244,23 @@ def test_derivatives_without_simulation_are_those_of_the_readings(real):
             # what is left out is of second order in the other effects
             rest = np.sqrt(np.mean((cheap[:, 0] - full / change) ** 2))
             assert rest < 0.01 * np.sqrt(np.mean((full / change) ** 2)) + 2e-9, f.effect.id
+
+
+def test_derivatives_by_a_drive_are_kept_until_it_is_another_one(real):
+    _, problem, _, joint = real
+    fit = joint.selection.fit
+    free = next(f for f in fit.effects if f.effect.key == "friction.X")
+
+    def columns(share: float, problem: Problem = problem) -> np.ndarray:
+        gain = fit.machine.drives["X"].velocity_gain
+        machine = fit.machine.with_drive("X", velocity_gain=(1.0 + share) * gain)
+        return np.vstack(Linearisation(problem, machine, fit.nuisance).columns(free))
+
+    before = columns(0.0)
+    assert (columns(1e-4) == before).all()
+    fresh = columns(0.05, replace(problem, changes=KeptChanges()))
+    assert (columns(0.05) == fresh).all()
+    assert (fresh != before).any()
 
 
 @pytest.mark.parametrize(

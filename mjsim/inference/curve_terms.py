@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, hstack
+from scipy.sparse import block_diag, csr_array, hstack
 
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
@@ -297,12 +297,25 @@ class CurveTerms:
         return [VALUE[variable](m, i) for m in (self.motions if variable in SLOW else self.on_grid)]
 
     @cached_property
-    def _averages(self) -> list[csr_array]:
-        """What makes block means of values on the GRID, (m, n) per test."""
-        samples = self.problem.samples
-        return [
-            s.averages(len(m.time), self._shift(k)) for k, (s, m) in enumerate(zip(samples, self.on_grid, strict=True))
-        ]
+    def _averages(self) -> Averages:
+        tests = enumerate(zip(self.problem.samples, self.on_grid, strict=True))
+        return Averages([s.averages(len(m.time), self._shift(k)) for k, (s, m) in tests])
+
+
+@dataclass(frozen=True)
+class Averages:
+    """What makes block means of values on the GRID.
+
+    Attributes:
+        of_tests: Per test, (m, n).
+    """
+
+    of_tests: Sequence[csr_array]
+
+    @cached_property
+    def together(self) -> csr_array:
+        """Of the values of all tests, one test behind the other."""
+        return csr_array(block_diag(self.of_tests, format="csr"))
 
 
 def _knots_of_turn(x: Sequence[np.ndarray], per_turn: int) -> tuple[np.ndarray, float | None]:
@@ -331,14 +344,14 @@ class HatColumns(Sequence[np.ndarray]):
         values: of the variable, (m,) per test.
         weights: change of the reading by a coefficient of 1, (m,) per test, m.
         knots, period: as of the term.
-        averages: what makes block means of the rows, per test; ``None`` where they are block means.
+        averages: what makes block means of the rows; ``None`` where they are block means.
     """
 
     values: Sequence[np.ndarray]
     weights: Sequence[np.ndarray]
     knots: np.ndarray
     period: float | None
-    averages: Sequence[csr_array] | None = None
+    averages: Averages | None = None
 
     def __len__(self) -> int:
         return len(self.values)
@@ -363,8 +376,13 @@ class HatColumns(Sequence[np.ndarray]):
 
     def sparse(self, k: int) -> csr_array:
         """The columns of test ``k``: a block lies between two knots."""
-        rows = csr_array(diags_array(self.weights[k]) @ hats(self.values[k], self.knots, self.period))
-        return rows if self.averages is None else csr_array(self.averages[k] @ rows)
+        rows = hats(self.values[k], self.knots, self.period, self.weights[k])
+        return rows if self.averages is None else csr_array(self.averages.of_tests[k] @ rows)
+
+    def together(self) -> csr_array:
+        """The columns of all tests, one test below the other."""
+        rows = hats(np.concatenate(self.values), self.knots, self.period, np.concatenate(self.weights))
+        return rows if self.averages is None else csr_array(self.averages.together @ rows)
 
 
 @dataclass(frozen=True)
@@ -406,18 +424,24 @@ class WaveColumns(Sequence[np.ndarray]):
         """The columns of test ``k``."""
         return csr_array(hstack([self.cosine.sparse(k), self.sine.sparse(k)]))
 
+    def together(self) -> csr_array:
+        """The columns of all tests, one test below the other."""
+        return csr_array(hstack([self.cosine.together(), self.sine.together()]))
 
-def hats(x: np.ndarray, knots: np.ndarray, period: float | None) -> csr_array:
-    """Piecewise-linear basis (n, len(knots)) on equally spaced ``knots``; wrapped when there is a period."""
+
+def hats(x: np.ndarray, knots: np.ndarray, period: float | None, weights: np.ndarray | float = 1.0) -> csr_array:
+    """Piecewise-linear basis (n, len(knots)) on equally spaced ``knots``, wrapped when there is a period; rows times
+    ``weights`` (n,).
+    """
     step = knots[1] - knots[0]
     u = (x - knots[0]) / step
     n = len(knots)
     u = np.mod(u, n) if period else np.clip(u, 0, n - 1)
     i = np.floor(u).astype(int)
-    f = u - i
+    f = (u - i) * weights
     after = (i + 1) % n if period else np.minimum(i + 1, n - 1)
     places = np.column_stack([i % n, after]).ravel()
-    return csr_array((np.column_stack([1 - f, f]).ravel(), places, np.arange(0, 2 * len(x) + 1, 2)), (len(x), n))
+    return csr_array((np.column_stack([weights - f, f]).ravel(), places, np.arange(0, 2 * len(x) + 1, 2)), (len(x), n))
 
 
 def radial_curves(terms: CurveTerms) -> Iterator[CurveTerm]:

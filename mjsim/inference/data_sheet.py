@@ -17,7 +17,7 @@ from mjsim.machine.model import FRICTION_PARAMETERS, TOLERANCE, Machine
 _MOVED = 0.25
 #: Relative change of a number over which its derivatives are taken as the same. All torques of a drive times one factor
 #: give the same motion, and derivatives over 10 % hide that: they seem to tell the factor.
-_LINEAR = 0.002
+LINEAR = 0.002
 #: A setting that everybody can read in the control: a stated factor does not widen it for ball-bar tests. There it also
 #: is what a servo fault is told by.
 _READ = "position_gain"
@@ -57,7 +57,7 @@ class SheetParameter:
     @property
     def step(self) -> float:
         """Standard deviations over which the derivative with respect to it is taken."""
-        return min(1.0, _LINEAR / self.sd)
+        return min(1.0, LINEAR / self.sd)
 
     def ratio(self, deviation: float) -> float:
         """The number over the printed one, ``deviation`` standard deviations from it."""
@@ -124,7 +124,7 @@ def is_another_drive(machine: Machine, known: Machine, axis: str) -> bool:
     something else there: one of them, or the size of an effect on the drive, has moved far; or an effect is gone, or
     new.
     """
-    now, then, far = _numbers_of(machine, axis), _numbers_of(known, axis), _LINEAR if machine.factor else _MOVED
+    now, then, far = _numbers_of(machine, axis), _numbers_of(known, axis), LINEAR if machine.factor else _MOVED
     return now.keys() != then.keys() or any(abs(now[n] - then[n]) > far * abs(then[n]) for n in now)
 
 

@@ -107,14 +107,30 @@ class Linearisation:
         part_of = self._part_of(free.effect, plants)
         axis = free.effect.subject
 
+        def derivatives(k: int) -> np.ndarray:
+            here, *moved = (part_of(k, plant, axis) for plant in plants)
+            return np.array([(m - here) / change for m, (_, change) in zip(moved, pairs, strict=True)])
+
         def one(k: int) -> np.ndarray:
             s, shift = self.problem.samples[k], self.problem.shift(k, self.nuisance)
-            here, *moved = (part_of(k, plant, axis) for plant in plants)
-            return np.column_stack(
-                [s.sample((m - here) / change, shift) for m, (_, change) in zip(moved, pairs, strict=True)]
-            )
+            return np.column_stack([s.sample(d, shift) for d in self._near(k, free, derivatives)])
 
         return one
+
+    def _near(self, k: int, free: EffectVector, derivatives: OfTest) -> np.ndarray:
+        """Derivatives of the reading of test ``k`` by the numbers of an effect, (m, n) on the grid: those of nearly the
+        same drive where the effect acts on one, and they are kept.
+        """
+        if free.effect.search.quasi_static:
+            return derivatives(k)
+        axis, changes = free.effect.subject, self.problem.changes
+        play = [x for op in self._play_of(axis).ops for x in op.parameters]
+        drive = np.array([*self.plant.axes[axis].numbers, *play])
+        known = changes.of_drive(k, free, drive)
+        if known is None:
+            known = derivatives(k)
+            changes.keep_drive(k, free, drive, known)
+        return known
 
     def change_of(self, effect: Effect) -> OfTest:
         """What computes the change that an effect of positions makes in the block means of one test, (m,) m: added to

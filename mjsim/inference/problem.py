@@ -11,12 +11,13 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import block_diag, csr_array
 
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
-from mjsim.inference.data_sheet import calibrated, data_sheet, sheet_of
+from mjsim.inference.data_sheet import LINEAR, calibrated, data_sheet, sheet_of
 from mjsim.inference.design import Design
+from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import Noise, noises_of
 from mjsim.inference.nuisance import TRIGGER, Nuisances, set_up_columns
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, make_samples
@@ -37,14 +38,17 @@ _SAME = 2e-5
 
 
 class KeptChanges:
-    """Changes of the readings by single effects at nearly the same positions of the axes, test by test.
+    """Changes of the readings by single effects at nearly the same positions of the axes, test by test; and derivatives
+    by the numbers of effects on nearly the same drives.
 
-    A fit asks for the same derivatives again and again, and its models move the axes by micrometres.
+    A fit asks for the same derivatives again and again. Its models move the axes by micrometres, and the numbers of
+    most drives by next to nothing.
     """
 
     def __init__(self) -> None:
         self._positions: list[np.ndarray] = []
         self._changes: list[dict[tuple[str, str], np.ndarray]] = []
+        self._by_drive: dict[tuple[int, str, tuple[str, ...]], tuple[np.ndarray, np.ndarray]] = {}
 
     def move_to(self, positions: Sequence[np.ndarray]) -> None:
         """Forget what was computed at other positions.
@@ -65,6 +69,24 @@ class KeptChanges:
     def keep(self, k: int, effect: Effect, change: np.ndarray) -> None:
         """Keep what ``effect`` alone adds to the reading of test ``k``, (n,) m."""
         self._changes[k][_key(effect)] = change
+
+    def of_drive(self, k: int, free: EffectVector, drive: np.ndarray) -> np.ndarray | None:
+        """Derivatives of the reading of test ``k`` by the numbers of an effect on a drive, (m, n) m per typical size,
+        where they are kept of nearly the same drive.
+
+        Args:
+            k: The test.
+            free: The effect.
+            drive: Numbers of the drive, (numbers,).
+        """
+        known, derivatives = self._by_drive.get((k, free.effect.key, free.names), (None, None))
+        if known is None or known.shape != drive.shape or (np.abs(drive - known) > LINEAR * np.abs(known)).any():
+            return None
+        return derivatives
+
+    def keep_drive(self, k: int, free: EffectVector, drive: np.ndarray, derivatives: np.ndarray) -> None:
+        """Keep derivatives; arguments as of :meth:`of_drive`."""
+        self._by_drive[k, free.effect.key, free.names] = drive, derivatives
 
 
 def _key(effect: Effect) -> tuple[str, str]:
@@ -377,11 +399,16 @@ class Problem:
             for k, (kept, s) in enumerate(zip(self._kept, self.samples, strict=True))
         ]
 
-    def whiten_sparse(self, work: Callable[[int], csr_array]) -> csr_array:
-        """Rows (count, k), whitened by the campaign's noise alone, of sparse block columns (m, k) that ``work(k)``
-        makes test by test.
+    @cached_property
+    def filter(self) -> csr_array:
+        """The same for the blocks of all tests, one test behind the other."""
+        return csr_array(block_diag(self.filters, format="csr"))
+
+    def whiten_sparse(self, columns: csr_array) -> csr_array:
+        """Rows (count, k), whitened by the campaign's noise alone, of sparse block columns of all tests, one test below
+        the other.
         """
-        return csr_array(vstack([part @ work(k) for k, part in enumerate(self.filters)]))
+        return csr_array(self.filter @ columns)
 
     def whitened_by(self, whitening: Whitening) -> Problem:
         """The problem with another whitening of what its errors are beyond the campaign's noise."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms, radial_curves
 from mjsim.inference.fit import Fit
@@ -249,7 +249,7 @@ def best_curves(
                 compete(term, known, "teeth", root, odds)
     kept = sorted(out.values(), key=lambda row: -row[0])
     distinct = {id(term): term for _, term, *_ in kept}  # several priors of one curve share its rows
-    rows = {key: plain.whiten_sparse(term.columns.sparse) for key, term in distinct.items()}
+    rows = {key: plain.whiten_sparse(term.columns.together()) for key, term in distinct.items()}
     return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in kept]
 
 
@@ -265,39 +265,34 @@ class _BesideModel:
     """
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
-        self.problem, self.fit, design = problem, fit, fit.design
+        self.fit = fit
         whitening = problem.whitening or Whitening(np.ones(len(problem.tests)))
-        blocks = zip(problem.rows, design.blocks, strict=True)
-        columns = [np.column_stack([own, design.rest[at], fit.residual[at]]) for at, (_, own) in blocks]
-        if whitening.shared:  # then the nuisances of all tests are in the columns of each
-            both = whitening.of_all(np.vstack(columns))
-            columns = [both[at] for at in problem.rows]
-        self._factor, shared = whitening.factor, whitening.shrunk_together(problem.count)
-        self._twice: list[np.ndarray] = []
-        self._basis: list[np.ndarray] = []
-        self._shared: list[np.ndarray] = []
+        columns = np.column_stack([fit.design @ np.eye(fit.design.shape[1]), fit.residual])
+        seen = np.hstack([whitening.of_all(columns), whitening.shrunk_together(problem.count)])
+        twice, self._basis, first = [], [], 0
         for k, at in enumerate(problem.rows):
             back = problem.filters[k].T
-            self._twice.append(back @ whitening.of_test(k, columns[k]))
-            self._basis.append(back @ whitening.shrunk(k, len(columns[k])))
-            self._shared.append(back @ whitening.of_test(k, shared[at]))
+            twice.append(back @ whitening.of_test(k, seen[at]))
+            blocks = slice(first, first + back.shape[0])
+            self._basis.append((blocks, back @ whitening.shrunk(k, back.shape[1])))
+            first = blocks.stop
+        # rows of a test that is louder than the campaign weigh less
+        weights = np.repeat(1.0 / whitening.factor, [at.stop - at.start for at in problem.rows])
+        self._filter = csr_array(diags_array(weights) @ problem.filter)
+        self._twice = np.vstack(twice)
 
     def of(self, term: CurveTerm) -> tuple[np.ndarray, np.ndarray]:
         """Information (k, k) and score (k,) that the data hold about the columns of a curve, most often its values at
         the knots, once the model has taken up what it can.
         """
-        m, design, n = term.columns.width, self.fit.design, self.fit.design.nuisances
-        own, cross, score = np.zeros((m, m)), np.zeros((design.shape[1], m)), np.zeros(m)
-        together = np.zeros((m, self._shared[0].shape[1]))
-        for k, (places, block) in enumerate(design.blocks):
-            hats = term.columns.sparse(k)
-            white, along = self.problem.filters[k] @ hats, hats.T @ self._basis[k]
-            own += csr_array(white.T @ white).toarray() / self._factor[k] ** 2 - along @ along.T
-            together += hats.T @ self._shared[k]
-            products = (hats.T @ self._twice[k]).T
-            cross[places] += products[: block.shape[1]]
-            cross[n:] += products[block.shape[1] : -1]
-            score += products[-1]
+        hats = term.columns.together()
+        white, count = csr_array(self._filter @ hats), self.fit.design.shape[1]
+        own = csr_array(white.T @ white).toarray()
+        for blocks, basis in self._basis:
+            along = hats[blocks].T @ basis
+            own -= along @ along.T
+        products = hats.T @ self._twice
+        cross, score, together = products[:, :count].T, products[:, count], products[:, count + 1 :]
         own -= together @ together.T
         return self.fit.linear.left_over(own, cross), score - cross.T @ self.fit.step
 

@@ -127,6 +127,11 @@ class AxisPlant:
         """Hashable identity of the drive's behaviour (for caching motions)."""
         return tuple(vars(self).values())
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All numbers that are no part of its control."""
+        return tuple(flat for v in vars(self).values() if isinstance(v, float | tuple) for flat in np.ravel(v))
+
 
 @dataclass(frozen=True)
 class Op:
