@@ -17,6 +17,7 @@ from mjsim.campaign.tolerance import TYPICAL_TOLERANCE, VOLUMETRIC_TOLERANCE
 from mjsim.effects.friction import Friction
 from mjsim.effects.torque_ripple import TorqueRipple
 from mjsim.inference.bar_search import BarSearch
+from mjsim.inference.budget import budgets, split_of_bars
 from mjsim.inference.calibration import calibrated_effects, expected_effects
 from mjsim.inference.combinations import combinations
 from mjsim.inference.curve_terms import CurveTerms
@@ -225,6 +226,44 @@ def test_small_errors_are_calibrated_with_honest_intervals(real):
             inside.append(low <= truth[f.effect.id][name] <= high)
     assert len(inside) > 25
     assert np.mean(inside) > 0.85
+
+
+def reader_of(problem, machine, fit, curves=()):
+    """A reader of a model with the tolerances of the machine."""
+    search = BarSearch(Fitter(problem, machine))
+    model = search._model_of(fit, {c.key: c for c in calibrated_effects(machine)})
+    model = search._settled(replace(model, curves=tuple(curves)))
+    return _BarReader(search, Found(model.fit, model, None), silent)
+
+
+def test_what_a_bar_may_be_off_counts_for_what_is_beyond_a_limit(real):
+    """One probability in the findings and in the table of the numbers against their limits."""
+    _, _, machine, joint = real
+    campaign = joint.data.campaign
+    bars = {n: replace(bar, form=2e-6, gain_uncertainty=0.01) for n, bar in campaign.instruments.items()}
+    problem = replace(joint.data, campaign=replace(campaign, instruments=bars))
+    reader = reader_of(problem, machine, joint.selection.fit)
+    fit = reader.model.fit
+    sizes, alone = reader._sizes(fit), reader.of_class.sizes(fit)
+    uncertain = reader._with_instrument(reader.model.problem, fit)
+    for b in budgets(uncertain, split_of_bars(reader.model.problem), reader.stated):
+        if b.effect_id.startswith("axis_location"):
+            assert sizes[b.effect_id] == pytest.approx(b.beyond, rel=1e-3)
+    assert any(p > 2.0 * alone[key] for key, p in sizes.items() if key.startswith("axis_location"))
+
+
+def test_a_curve_within_its_class_is_told_and_is_no_finding(real):
+    _, _, machine, joint = real
+    problem, fit = joint.data, joint.selection.fit
+    term = next(t for t in CurveTerms(problem, fit).own() if t.axis == "C" and t.variable == "position")
+    root = next(root for name, root in priors_of(term) if name == "smooth")
+    curve = Curve(term, "smooth", root, problem.whiten_sparse(term.columns.together()), 0.0)
+    reader = reader_of(problem, machine, fit, [curve.at(0.1, np.full(root.shape[1], 0.01))])
+    unexplained, (small,), probability, _ = reader._unknown(reader.model.fit)
+    assert unexplained is None and small.probability == probability < 0.01
+    assert (small.axis, small.moves, small.variable) == ("C", "C", "position")
+    assert small.limit == pytest.approx(0.0014 * np.pi / 180.0) and small.largest < small.limit
+    assert "acts on the C axis and depends on its position: up to" in small.to_json()["summary"]
 
 
 def test_derivatives_without_simulation_are_those_of_the_readings(real):

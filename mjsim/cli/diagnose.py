@@ -207,6 +207,12 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
     if data["unexplained"] and not left_first:
         click.echo()
         _show_rest(data)
+    if data.get("further_curves"):
+        click.echo()
+        within = "In the model, and not shown to be larger than a machine of its class may have:"
+        common.paragraph("Also in the model:" if data["unexplained"] else within)
+        for curve in data["further_curves"]:
+            common.paragraph(curve["summary"], "  ")
     if "data_sheet" in data:
         click.echo()
         show_logs(data | {"unexplained": None}, "with all of them")

@@ -133,6 +133,7 @@ def _diagnose(
         calibration=explained.calibration,
         shares=explained.shares,
         combinations=explained.combinations,
+        further=explained.further,
         posterior=Posterior.of(selection.fit),
         settings=settings,
         probabilities=explained.verdicts.to_json(),

@@ -20,7 +20,7 @@ from mjsim.inference.outcome import verdict_of
 from mjsim.inference.posterior import Posterior
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.inference.shares import Calibration
-from mjsim.inference.unexplained import Unexplained
+from mjsim.inference.unexplained import FurtherCurve, Unexplained
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io import files
@@ -114,6 +114,7 @@ class Diagnosis:
         discrepancy: RMS in a ball-bar test of what repeats and is in no model, m.
         at_rest: What was measured while the machine stood still, one for each instrument.
         budget: Where the uncertainty of every fitted number comes from.
+        further: Curves of unknown causes that the model has beside ``unexplained``.
     """
 
     campaign: Campaign
@@ -138,6 +139,7 @@ class Diagnosis:
     discrepancy: float = 0.0
     at_rest: tuple[AtRest, ...] = ()
     budget: tuple[Budget, ...] = ()
+    further: tuple[FurtherCurve, ...] = ()
 
     @property
     def has_bars(self) -> bool:
@@ -195,6 +197,7 @@ class Diagnosis:
             "rms_after_um": _r(self.after.rms / UM),
             "effects": [e.to_json(self.machine) for e in self.effects],
             "unexplained": self.unexplained.to_json() if self.unexplained else None,
+            "further_curves": [c.to_json() for c in self.further],
             "not_testable": list(self.not_testable),
             "samples": sum(row["samples"] for row in tests),
             "left_out": [

@@ -45,7 +45,7 @@ from mjsim.inference.search import Found, Model, Search
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.inference.signatures import Bank, Candidate, Projector, seeds
 from mjsim.inference.testability import detection_limits
-from mjsim.inference.unexplained import Unexplained
+from mjsim.inference.unexplained import FurtherCurve, Unexplained
 from mjsim.inference.whitening import Whitening
 from mjsim.instruments.base import INSTRUMENTS, Stops
 from mjsim.machine.model import Machine, build
@@ -584,11 +584,11 @@ class RestReader(Reader[RestProblem]):
             out[f.effect.key] = part - p.columns @ taken_by(p.columns, part, noise)
         return out
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
-        return None, self.search.misfit(self.model), fit
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, tuple[FurtherCurve, ...], float, Fit]:
+        return None, (), self.search.misfit(self.model), fit
 
-    def _with_instrument(self, fit: Fit) -> Fit:
-        errors = self.model.problem.temperatures(fit)
+    def _with_instrument(self, problem: RestProblem, fit: Fit) -> Fit:
+        errors = problem.temperatures(fit)
         return fit if errors is None else consider(fit, TEMPERATURE, errors)
 
     def _budget(self, fit: Fit) -> tuple[Budget, ...]:

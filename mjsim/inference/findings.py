@@ -35,8 +35,8 @@ from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell, number_to_tell
-from mjsim.inference.shares import Calibration, calibrations, parts_of
-from mjsim.inference.unexplained import Unexplained, describe
+from mjsim.inference.shares import Calibration, calibrations, parts_of, unabsorbed
+from mjsim.inference.unexplained import FurtherCurve, Unexplained, describe
 from mjsim.inference.unknown_curves import FINER, Curve, best_curves
 from mjsim.inference.vibration import Separated
 from mjsim.machine.chain import is_rotary
@@ -83,6 +83,7 @@ class Explained(Generic[D]):
         data: What the search ended on.
         selection: The model, and its findings in the order of their contribution.
         unexplained: A cause that is in no catalogue.
+        further: Other curves of such causes, most of them no larger than a machine of the class may have.
         calibration: Effects of a machine of its class that are no findings.
         shares: Share of each cause in the explained squared error.
         combinations: Sums of numbers that the tests determine.
@@ -95,6 +96,7 @@ class Explained(Generic[D]):
     data: D
     selection: Selection
     unexplained: Unexplained | None
+    further: tuple[FurtherCurve, ...]
     calibration: tuple[Calibration, ...]
     shares: dict[str, float]
     combinations: tuple[Combination, ...]
@@ -315,17 +317,17 @@ class Reader(ABC, Generic[D]):
         """What each effect adds to the readings that the set-up cannot take up, by key, (m,) SI."""
 
     @abstractmethod
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
-        """The unknown cause that is farthest beyond its class, where it is a finding; the probability that it is larger
-        than its class allows; the model fitted beside it.
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, tuple[FurtherCurve, ...], float, Fit]:
+        """The unknown cause that is farthest beyond its class, where it is a finding; all others; the probability that
+        it is larger than its class allows; the model fitted beside it.
         """
 
     @abstractmethod
     def _budget(self, fit: Fit) -> tuple[Budget, ...]:
         """Where the uncertainty of every number of a model comes from."""
 
-    def _with_instrument(self, fit: Fit) -> Fit:
-        """A model with the errors of the instrument that are no unknowns of it."""
+    def _with_instrument(self, problem: D, fit: Fit) -> Fit:
+        """A model with the errors of the instrument that are no unknowns of it; the fit is whitened by ``problem``."""
         return fit
 
     def resolves(self, f: EffectVector) -> bool:
@@ -364,8 +366,9 @@ class Reader(ABC, Generic[D]):
         an error that a machine of the class has for what is beyond that by the prior of the class, any other cause for
         what the model without it leaves.
         """
-        fitter = self.search.fitter.with_problem(self.model.problem)
-        sizes, curves = self.of_class.sizes(fit, lambda f: _without(fitter, fit, f)), self.model.curves
+        fitter, curves = self.search.fitter.with_problem(self.model.problem), self.model.curves
+        uncertain = self._with_instrument(self.model.problem, fit)
+        sizes = self.of_class.sizes(uncertain, lambda f: _without(fitter, fit, f))
         if not curves:
             return sizes
         wide = [replace(c, width=max(c.width, c.largest)) for c in curves]
@@ -373,6 +376,7 @@ class Reader(ABC, Generic[D]):
         wide_fitter = self.search.fitter.with_problem(problem)
         usual = [self._as_of_class(f) for f in fit.effects]
         free = wide_fitter.fit(usual, start=fit, exact=True, iterations=STEPS, fresh=False)
+        free = self._with_instrument(problem, free)
         sizes = {key: min(p, sizes[key]) for key, p in self.of_class.sizes(free).items()}
         for f in free.effects:
             if sizes[f.effect.key] < FINDING or not self._is_cause(f):
@@ -399,12 +403,12 @@ class Reader(ABC, Generic[D]):
                 break
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
-        unexplained, unknown, moved = self._unknown(fit)
+        unexplained, further, unknown, moved = self._unknown(fit)
         if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
             sizes = self._sizes(fit)
-        whitened = self._with_instrument(fit)
+        whitened = self._with_instrument(self.model.problem, fit)
         fit = replace(moved, considered=whitened.considered)
         # a probability has the rivals' already: their spread goes into the intervals only
         rows = self.of_class.findings(fit, sizes, rivals, self.model.evidence)
@@ -428,7 +432,7 @@ class Reader(ABC, Generic[D]):
         verdict, verdicts = self._verdict(named, rows, shown, unknown, unexplained is not None)
         sums, left = combinations(fit, settings), self.model.sizes.rms
         ended = self.model.problem
-        return Explained(ended, selection, unexplained, entries, shares, sums, verdict, verdicts, left, budget)
+        return Explained(ended, selection, unexplained, further, entries, shares, sums, verdict, verdicts, left, budget)
 
 
 class _BarReader(Reader[Problem]):
@@ -437,20 +441,23 @@ class _BarReader(Reader[Problem]):
     def _parts(self, fit: Fit) -> dict[str, np.ndarray]:
         return parts_of(self.model.problem, fit)
 
-    def _with_instrument(self, fit: Fit) -> Fit:
-        return with_instrument(self.model.problem, fit)
+    def _with_instrument(self, problem: Problem, fit: Fit) -> Fit:
+        return with_instrument(problem, fit)
 
     def _budget(self, fit: Fit) -> tuple[Budget, ...]:
         return budgets(fit, split_of_bars(self.model.problem), self.stated)
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, float, Fit]:
+    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, tuple[FurtherCurve, ...], float, Fit]:
         curves = self.model.curves
         if not curves:
-            return None, 0.0, fit
-        (large, _), i = max((self._curve_beyond(c.term, *row), i) for i, (c, row) in enumerate(self._values(fit)))
-        curve = curves[i]
-        if large < FINDING:
-            return None, large, fit
+            return None, (), 0.0, fit
+        sizes = [(c, values, self._curve_beyond(c.term, values, spread)) for c, (values, spread) in self._values(fit)]
+        curve, _, (large, _) = max(sizes, key=lambda row: row[2])
+        is_finding = large >= FINDING
+        rest = [row for row in sizes if row[0] is not curve or not is_finding]
+        further = tuple(self._further(fit, c, values, beyond) for c, values, (beyond, _) in rest)
+        if not is_finding:
+            return None, further, large, fit
         self.progress("describing what is in no catalogue", 0, 1)
         # where it jumps is what is asked now: the readings there have no error of their own
         problem = self.search.problem_of(self.model.sizes, [c for c in curves if c is not curve])
@@ -459,7 +466,7 @@ class _BarReader(Reader[Problem]):
         (best, probability), *others = self._terms(problem, alone, curve)
         moved, term, _ = fit_beside_simple(fitter, alone, best)
         others = [(t, large * p) for t, p in others]
-        return describe(problem, moved, term, large * probability, others), large, moved
+        return describe(problem, moved, term, large * probability, others), further, large, moved
 
     def _terms(self, problem: Problem, beside: Fit, curve: Curve) -> list[tuple[CurveTerm, float]]:
         """What an unknown cause may act on and depend on, with probabilities, the likeliest first: the fewest that hold
@@ -508,15 +515,32 @@ class _BarReader(Reader[Problem]):
         error, or than its play where it has a sign by the direction of motion. How far it is beyond, over its spread.
         """
         size, spread = np.abs(values) * term.unit, np.maximum(spread, 1e-9) * term.unit
-        limit = 0.0
-        if self.model.expected:
-            chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
-            moves = term.moves if term.moves in chain.letters else chain.linear[0]
-            expected = self.model.expected.get(f"{kind}.{moves}")
-            if expected is not None:
-                limit = next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM)
+        limit = self._limit_of(term)
         beyond = float(np.max((size - limit) / spread))
         return (1.0 if limit == 0.0 else 0.5 * float(erfc(-beyond / math.sqrt(2.0)))), beyond
+
+    def _limit_of(self, term: CurveTerm) -> float:
+        """How far a curve may displace on a machine of the class, m or rad; 0 where nothing of the kind is expected."""
+        if not self.model.expected:
+            return 0.0
+        chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
+        moves = term.moves if term.moves in chain.letters else chain.linear[0]
+        expected = self.model.expected.get(f"{kind}.{moves}")
+        return next(iter(expected.limits.values())) * (DEG if is_rotary(moves) else UM) if expected else 0.0
+
+    def _further(self, fit: Fit, curve: Curve, values: np.ndarray, beyond: float) -> FurtherCurve:
+        """A curve of the model in short.
+
+        Args:
+            fit: The model.
+            curve: Of it.
+            values: How far it displaces at its knots, (knots,).
+            beyond: Probability that this is more than the class allows.
+        """
+        term = curve.term
+        rms = float(np.sqrt(np.mean(np.concatenate(unabsorbed(self.model.problem, fit, list(curve.readings))) ** 2)))
+        largest = float(np.abs(values).max()) * term.unit
+        return FurtherCurve(term.axis, term.moves, term.variable, largest, self._limit_of(term), rms, beyond)
 
 
 def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, CurveTerm]:

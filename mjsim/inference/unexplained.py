@@ -76,6 +76,52 @@ class Unexplained:
         }
 
 
+@dataclass(frozen=True)
+class FurtherCurve:
+    """A curve of an unknown cause that the model has, and that is not the one that is told in full.
+
+    Attributes:
+        axis: Whose motion it depends on; empty for the clock.
+        moves: What it displaces, as in :class:`mjsim.inference.curve_terms.CurveTerm`.
+        variable: Of the axis.
+        largest: Its largest displacement, m or rad.
+        limit: What a machine of its class may have there, m or rad; 0 where it has nothing of the kind.
+        rms: In the readings, m.
+        probability: That it is beyond the limit.
+    """
+
+    axis: str
+    moves: str
+    variable: str
+    largest: float
+    limit: float
+    rms: float
+    probability: float
+
+    @property
+    def summary(self) -> str:
+        """One sentence."""
+        factor, unit = (1.0 / DEG, "°") if is_rotary(self.moves) else (1.0 / UM, " µm")
+        what = acts_on(self.axis, self.moves, self.variable)
+        size = f"up to {self.largest * factor:.2g}{unit}, {self.rms / UM:.2f} µm RMS in the readings"
+        allowed = f"; a machine of its class may have {self.limit * factor:.2g}{unit}" if self.limit else ""
+        return f"Something that is not in the catalogue {what}: {size}{allowed}."
+
+    def to_json(self) -> dict:
+        """As in the JSON of ``mjsim diagnose``."""
+        factor, unit = (1.0 / DEG, "deg") if is_rotary(self.moves) else (1.0 / UM, "um")
+        return {
+            "axis": self.axis,
+            "moves": self.moves,
+            "variable": self.variable,
+            f"largest_{unit}": float(f"{self.largest * factor:.3g}"),
+            f"limit_{unit}": float(f"{self.limit * factor:.3g}"),
+            "rms_um": round(self.rms / UM, 4),
+            "probability": round(self.probability, 4),
+            "summary": self.summary,
+        }
+
+
 _WORDS = {
     "position": "position",
     "direction": "direction of motion and position",
@@ -149,7 +195,7 @@ def describe(
     # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
     fitted = bridged(term, term.coefficients * term.unit, reached)
     source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
-    labels = (x_label, f"displacement of {_moved(term)} [{y_unit}]")
+    labels = (x_label, f"displacement of {_moved(term.moves)} [{y_unit}]")
     return Unexplained(
         axes,
         term.variable,
@@ -167,17 +213,21 @@ def describe(
     )
 
 
-def _moved(term: CurveTerm) -> str:
+def _moved(moves: str) -> str:
     """What a term displaces."""
-    return _MOVED.get(term.moves, f"the {term.moves} axis")
+    return _MOVED.get(moves, f"the {moves} axis")
+
+
+def acts_on(axis: str, moves: str, variable: str) -> str:
+    """What a term acts on, and on what it depends; arguments as of :class:`FurtherCurve`."""
+    if axis == moves:
+        return f"acts on the {axis} axis and depends on its {_WORDS[variable]}"
+    on = f"depends on the {axis} axis' {_WORDS[variable]}" if axis else "follows the campaign's clock"
+    return f"acts on {_moved(moves)} and {on}"
 
 
 def _acts(term: CurveTerm) -> str:
-    """What a term acts on, and on what it depends."""
-    if term.axis == term.moves:
-        return f"acts on the {term.axis} axis and depends on its {_WORDS[term.variable]}"
-    on = f"depends on the {term.axis} axis' {_WORDS[term.variable]}" if term.axis else "follows the campaign's clock"
-    return f"acts on {_moved(term)} and {on}"
+    return acts_on(term.axis, term.moves, term.variable)
 
 
 def bridged(term: CurveTerm, values: np.ndarray, reached: np.ndarray) -> np.ndarray:

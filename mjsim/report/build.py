@@ -421,7 +421,7 @@ def diagnosed(
     repairs = what_if(problem, result.after, result.before.machine, keys, threads, progress, full, inside)
     repairs = _opened(repairs, {e.effect.key: e.alternatives for e in result.effects})
     base = _content(models, start, result.machine, repairs, date)
-    rest = rest_percent(result)
+    rest, u = rest_percent(result), result.unexplained
     return ReportContent(
         **{
             **base,
@@ -430,8 +430,8 @@ def diagnosed(
             "answer": headlines(result),
             "verdict_sentence": explained(result),
             "findings": findings(result),
-            "unexplained": result.unexplained.summary if result.unexplained else _rest(rest),
-            "curve": (*u.curve, u.labels, u.summary, u.period) if (u := result.unexplained) else None,
+            "unexplained": " ".join([u.summary if u else _rest(rest), *(c.summary for c in result.further)]).strip(),
+            "curve": (*u.curve, u.labels, u.summary, u.period) if u else None,
             "not_testable": untestable(result.not_testable, problem),
             "next_test": next_test_sentence(result.next_test),
             "calibration": calibration_rows(result),

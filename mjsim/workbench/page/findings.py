@@ -148,6 +148,11 @@ class FindingsPanel(JobPanel):
                 ui.label(f"Unknown cause: {', '.join(result.unexplained.axes)} axis").classes("head")
                 ui.label(result.unexplained.summary)
                 ui.label(f"shows in {', '.join(result.unexplained.tests)}").classes("soft")
+        if result.further:
+            with ui.element("div").classes("card plain").mark("further curves"):
+                ui.label("Also in the model").classes("head")
+                for curve in result.further:
+                    ui.label(curve.summary)
         self._next_test(result)
 
     def _next_test(self, result: Diagnosis) -> None:
