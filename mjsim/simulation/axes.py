@@ -160,11 +160,9 @@ class AxesMotion:
     def motor_change(self, axis: str, before: AxisPlant, after: AxisPlant, every: int = 1) -> np.ndarray:
         """How far another drive moves the motor of one axis, in axis units at every ``every``-th instant.
 
-        Only the motion before is kept. Where both have the same masses, a single sub-step a step is enough: what it
-        misses is the same in both.
+        Only the motion before is kept. A single sub-step a step is enough: what it misses is the same in both.
         """
-        same = before.load_inertia == after.load_inertia
-        n = max(substeps_of(d, STEP, 1 if same else SUBSTEPS) for d in (before, after))
+        n = max(substeps_of(d, STEP, 1) for d in (before, after))
         return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
