@@ -189,7 +189,7 @@ def test_a_wave_of_teeth_is_followed_between_the_knots():
         return HatColumns([places], [reach * wave(teeth * places)], knots, TURN)
 
     columns = WaveColumns(hat_columns(np.cos), hat_columns(np.sin))
-    assert len(columns) == 1 and columns[0].shape == (4000, columns.width)
+    assert len(columns) == 1 and columns[0].shape == (4000, 2 * len(knots))
     sizes = np.repeat([0.6, -0.8], len(knots))  # cos 67q and sin 67q with one size everywhere
     wave = reach * (0.6 * np.cos(teeth * places) - 0.8 * np.sin(teeth * places))
     assert np.allclose(columns.sparse(0) @ sizes, wave, rtol=0.0, atol=1e-12)

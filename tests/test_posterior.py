@@ -7,8 +7,9 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.stats import ncx2
 
-from mjsim.inference.discrepancy import Discrepancy, LinearModel, Products, Sizes, _harmonics
+from mjsim.inference.discrepancy import Discrepancy, Sizes, _harmonics
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.linear_model import LinearModel, Products
 from mjsim.inference.posterior import beyond
 from mjsim.inference.samples import revolution_time
 from mjsim.inference.whitening import Whitening

@@ -31,12 +31,13 @@ from mjsim.inference.calibration import expected_effects
 from mjsim.inference.considered import TEMPERATURE, consider, following
 from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.design import Design
-from mjsim.inference.discrepancy import USUAL, Discrepancy, Products, Sizes
+from mjsim.inference.discrepancy import USUAL, Discrepancy, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.findings import Explained, Reader, Verdicts
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, entries_of
 from mjsim.inference.least_squares import LeastSquares
+from mjsim.inference.linear_model import Products
 from mjsim.inference.nuisance import Nuisances
 from mjsim.inference.outcome import FoundEffect
 from mjsim.inference.parameters import Block

@@ -26,12 +26,13 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.inference.calibration import Calibrated, calibrated_effects, expected_effects
 from mjsim.inference.data_sheet import data_sheet
-from mjsim.inference.discrepancy import Discrepancy, Products, Sizes
+from mjsim.inference.discrepancy import Discrepancy, Sizes
 from mjsim.inference.disturbances import readmitted, without_disturbances
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter, retimed
 from mjsim.inference.hypotheses import CAUSE, WIDTHS, Hypotheses
 from mjsim.inference.linear_evidence import Chosen, without
+from mjsim.inference.linear_model import Products
 from mjsim.inference.nuisance import TRIGGER, TRIGGERS
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import (

@@ -359,11 +359,6 @@ class HatColumns(Sequence[np.ndarray]):
     def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
         return self.sparse(k).toarray()
 
-    @property
-    def width(self) -> int:
-        """Number of columns."""
-        return len(self.knots)
-
     @staticmethod
     def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
         """What makes of coefficients near ``x`` (n,) the values of the curve over their mean, (knots, n).
@@ -402,11 +397,6 @@ class WaveColumns(Sequence[np.ndarray]):
 
     def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
         return self.sparse(k).toarray()
-
-    @property
-    def width(self) -> int:
-        """Number of columns."""
-        return self.cosine.width + self.sine.width
 
     @staticmethod
     def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -18,11 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mjsim.inference.calibration import LIMIT_DEVIATIONS, Calibrated, sheet_deviations
-from mjsim.inference.discrepancy import LinearModel, Products, Sizes, marginalised
+from mjsim.inference.discrepancy import Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.least_squares import ridge_solution
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.linear_model import LinearModel, Products, marginalised
 from mjsim.inference.signatures import Bank, Candidate, Offer, Row, feasible_share, seeds
 from mjsim.inference.unknown_curves import Curve
 from mjsim.machine.effect import Effect

@@ -21,11 +21,12 @@ import numpy as np
 
 from mjsim.inference.calibration import Calibrated
 from mjsim.inference.considered import move_to
-from mjsim.inference.discrepancy import USUAL, Discrepancy, LinearModel, Products, Sizes
+from mjsim.inference.discrepancy import USUAL, Discrepancy, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, Judged, log_odds_of, with_prior_of_size
 from mjsim.inference.linear_evidence import Chosen, without
+from mjsim.inference.linear_model import LinearModel, Products
 from mjsim.inference.settings import DiagnosisSettings
 from mjsim.inference.signatures import Bank
 from mjsim.inference.unknown_curves import Curve

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.inference.bar_search import further_candidates
-from mjsim.inference.discrepancy import Discrepancy, Products, Sizes
+from mjsim.inference.discrepancy import Discrepancy, Sizes
 from mjsim.inference.findings import FINDING
 from mjsim.inference.fit import Fitter
 from mjsim.inference.hypotheses import Hypotheses
+from mjsim.inference.linear_model import Products
 from mjsim.inference.problem import Problem
 from mjsim.inference.signatures import SignatureBank, seeds
 from mjsim.inference.vibration import Separated, separate, without_vibrations

@@ -1,0 +1,324 @@
+"""A linear model of all readings, and its evidence for any sizes of what repeats and of the noise.
+
+Columns of parameters and curves are multiplied once, test by test, along the basis of the discrepancy and across it.
+For any sizes the products with the inverse covariance between follow from these, and with them the log evidence with
+all parameters marginalised. Its largest value says the sizes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.optimize import minimize
+from scipy.sparse import csr_array, hstack
+
+from mjsim.inference.discrepancy import Discrepancy, Sizes
+
+#: Degrees of freedom of the prior of a test's noise factor: it is known as well as 30 values would tell (assumed).
+_KNOWN_NOISE = 30
+#: Largest and smallest size that is tried, m. Below the smallest nothing is seen of it.
+_LARGEST, _SMALLEST = 1e-3, 3e-9
+
+
+@dataclass(frozen=True)
+class ProductsOfTest:
+    """Products of the columns of one test, and of the residual behind all of them.
+
+    Attributes:
+        at: Places of those that reach the test, (n,).
+        gram: Their products with each other, (n, n).
+        cross: With the columns of the knots, (n, knots).
+        knots: Of the columns of the knots with each other, (knots, knots).
+        along: With the basis of the test, (m, n).
+        knots_along: Of the knots with it, (m, knots).
+    """
+
+    at: np.ndarray
+    gram: np.ndarray
+    cross: np.ndarray
+    knots: np.ndarray
+    along: np.ndarray
+    knots_along: np.ndarray
+
+    def across(self) -> ProductsOfTest:
+        """The same without what lies along the basis."""
+        a, b = self.along, self.knots_along
+        return replace(self, gram=self.gram - a.T @ a, cross=self.cross - a.T @ b, knots=self.knots - b.T @ b)
+
+    def add_to(self, total: np.ndarray, weight: float) -> None:
+        """Add the products to those of all tests, (p, p), the knots behind all else; below the diagonal they are left
+        out.
+        """
+        behind = slice(len(total) - len(self.knots), None)
+        total[np.ix_(self.at, self.at)] += weight * self.gram
+        total[self.at, behind] += weight * self.cross
+        total[behind, behind] += weight * self.knots
+
+
+class Products:
+    """Products of columns with each other, test by test, and along the basis of the discrepancy: all that a linear
+    model needs of them for any sizes.
+
+    Args:
+        discrepancy: Of the tests.
+        columns: Whitened by the campaign's noise alone, (count, p). Their products are kept.
+    """
+
+    def __init__(self, discrepancy: Discrepancy, columns: np.ndarray) -> None:
+        self.discrepancy, self.blocks = discrepancy, [columns]
+        self._knots = csr_array((len(columns), 0))
+        self._curves: list[tuple[slice, np.ndarray]] = []
+        self._gram = [columns[at].T @ columns[at] for at in discrepancy.rows]
+        self._along = [basis.T @ columns[at] for basis, at in discrepancy.tests]
+
+    @property
+    def dense(self) -> int:
+        """Number of columns that are no curve's."""
+        return sum(b.shape[1] for b in self.blocks)
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.dense + sum(root.shape[1] for _, root in self._curves)
+
+    @property
+    def knots(self) -> int:
+        """Number of knots of all curves."""
+        return max((at.stop for at, _ in self._curves), default=0)
+
+    def along_more(self, discrepancy: Discrepancy) -> Products:
+        """The same for a discrepancy whose basis has further directions behind those of this one."""
+        out = copy(self)
+        out.discrepancy, out._along = discrepancy, []
+        for known, (basis, at) in zip(self._along, discrepancy.tests, strict=True):
+            out._along.append(np.vstack([known, basis[:, len(known) :].T @ self.blocks[0][at]]))
+        return out
+
+    def extended(self, *blocks: np.ndarray) -> Products:
+        """The same with further columns behind, in blocks (count, k) each."""
+        out = copy(self)
+        out.blocks = [*self.blocks, *blocks]
+        return out
+
+    def with_curves(self, curves: Sequence[tuple[csr_array, np.ndarray]]) -> Products:
+        """The same with the columns of curves behind the others. They would fill hundreds of MB, and are never made.
+
+        Args:
+            curves: Rows by the values at the knots, whitened by the campaign's noise alone, (count, knots), the same
+                ones where curves share them; and what makes these values of the coefficients, (knots, k).
+        """
+        out = copy(self)
+        rows, counts = {id(r): r for r, _ in curves}, {id(r): len(root) for r, root in curves}
+        ends = dict(zip(counts, np.cumsum([*counts.values()]).tolist(), strict=True))
+        out._knots = csr_array(hstack([*rows.values()])) if rows else self._knots
+        out._curves = [(slice(ends[id(r)] - len(root), ends[id(r)]), root) for r, root in curves]
+        return out
+
+    def times(self, x: np.ndarray) -> np.ndarray:
+        """All columns times coefficients (p,)."""
+        out, first = np.zeros(len(self.blocks[0])), 0
+        for columns in self.blocks:
+            out += columns @ x[first : first + columns.shape[1]]
+            first += columns.shape[1]
+        values = np.zeros(self.knots)
+        for at, root in self._curves:
+            values[at] += root @ x[first : first + root.shape[1]]
+            first += root.shape[1]
+        return out + self._knots @ values
+
+    def of_test(self, k: int, residual: np.ndarray) -> ProductsOfTest:
+        """Products of the columns that reach a test, of the residual and of the knots.
+
+        Args:
+            k: The test.
+            residual: Whitened by the campaign's noise alone, (count,).
+        """
+        basis, at = self.discrepancy.basis[k], self.discrepancy.rows[k]
+        # set-up and trigger of one test are in no other: only the columns that reach a test are multiplied
+        live = np.flatnonzero(np.diag(self._gram[k]))
+        first, knots = self.blocks[0][at, live], self._knots[at]
+        own = np.hstack([*(b[at] for b in self.blocks[1:]), residual[at, None]])
+        seen = np.flatnonzero(own.any(axis=0))
+        own, across = own[:, seen], first.T @ own[:, seen]
+        gram = np.block([[self._gram[k][np.ix_(live, live)], across], [across.T, own.T @ own]])
+        return ProductsOfTest(
+            np.append(live, self.blocks[0].shape[1] + seen),
+            gram,
+            np.vstack([(knots.T @ first).T, (knots.T @ own).T]),
+            (knots.T @ knots).toarray(),
+            np.hstack([self._along[k][:, live], basis.T @ own]),
+            (knots.T @ basis).T,
+        )
+
+    def of_curves(self, products: np.ndarray) -> np.ndarray:
+        """Products (m, width + 1) with all columns and the residual, which is the last, of those (m, dense + 1 + knots)
+        where the knots stand behind the residual.
+        """
+        if not self._curves:
+            return products
+        own, behind = products[:, : self.dense], products[:, self.dense + 1 :]
+        parts = [behind[:, at] @ root for at, root in self._curves]
+        return np.hstack([own, *parts, products[:, self.dense, None]])
+
+
+class LinearModel:
+    """A linear model, from which its evidence follows for any sizes of the discrepancy.
+
+    Args:
+        products: Of the columns of its parameters, p in all.
+        residual: Whitened by the campaign's noise alone, (count,).
+        precision: Prior precisions of the parameters, (p,).
+        departure: How far they are from their prior means, (p,).
+        only: The sizes that it is asked about, where no others are: products of single tests fill hundreds of MB where
+            there are many columns, and are not kept then.
+    """
+
+    def __init__(
+        self,
+        products: Products,
+        residual: np.ndarray,
+        precision: np.ndarray,
+        departure: np.ndarray,
+        only: Sequence[Sizes] = (),
+    ) -> None:
+        self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
+        self.precision, self.departure = precision, departure
+        self._along, self._live, self._across = [], [], []
+        factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
+        totals = {key: self._nothing() for key in factors}
+        for k in range(len(self.discrepancy.rows)):
+            mine = products.of_test(k, residual)
+            along = np.zeros((len(mine.along), products.dense + 1 + products.knots))
+            along[:, mine.at], along[:, products.dense + 1 :] = mine.along, mine.knots_along
+            along = products.of_curves(along)
+            self._live.append(np.flatnonzero(along.any(axis=0)))
+            self._along.append(along[:, self._live[k]])
+            across = mine.across()
+            for key, factor in factors.items():
+                across.add_to(totals[key], factor[k] ** -2.0)
+            if not only:
+                self._across.append(across)
+        self._summed = {key: self._of_all(total) for key, total in totals.items()}
+
+    def _nothing(self) -> np.ndarray:
+        """No products yet of columns, residual and knots with each other."""
+        return np.zeros((self.products.dense + 1 + self.products.knots,) * 2)
+
+    def _of_all(self, total: np.ndarray) -> np.ndarray:
+        """Products of all columns and the residual with each other, of those with the knots in the place of curves."""
+        behind = self.products.dense + 1
+        total[behind:, :behind] = total[:behind, behind:].T
+        return self.products.of_curves(self.products.of_curves(total).T)
+
+    def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
+        """Products of columns and residual across the basis of the discrepancy, where there is only noise, (p + 1,
+        p + 1); kept for the next sizes with the same factors.
+        """
+        key = factor.tobytes()
+        if key not in self._summed:
+            total = self._nothing()
+            for across, f in zip(self._across, factor, strict=True):
+                across.add_to(total, f**-2.0)
+            self._summed = {key: self._of_all(total)}
+        return self._summed[key]
+
+    def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Products with the inverse covariance between the rows.
+
+        Returns:
+            Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
+            logarithm of the covariance's determinant over that of the campaign's noise.
+        """
+        nothing, log_det = self.discrepancy.is_nothing(sizes), 0.0
+        rows = np.zeros((sum(map(len, self._along)), self.products.width + 1))
+        first = 0
+        for k, factor in enumerate(sizes.factor):
+            log_det += 2.0 * len(self.discrepancy.basis[k]) * math.log(factor)
+            along = self._along[k]
+            if not nothing:
+                covariance = self.discrepancy.covariance(k, sizes.slow, sizes.fast, factor)
+                lower = np.linalg.cholesky(covariance + np.eye(len(covariance)))
+                log_det += 2.0 * float(np.log(np.diag(lower)).sum())
+                # of what lies along the basis, (I + C)^-1 is left
+                along = solve_triangular(lower, along, lower=True, check_finite=False)
+            rows[first : first + len(along), self._live[k]] = along / factor
+            first += len(along)
+        total = self._noise_alone(sizes.factor) + rows.T @ rows
+        return total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), log_det
+
+    def _solved(self, sizes: Sizes) -> tuple[float, np.ndarray]:
+        """Log evidence without the prior of the sizes, and the step of the parameters, (p,)."""
+        return marginalised(*self.normal(sizes), self.precision, self.departure)
+
+    def log_evidence(self, sizes: Sizes) -> float:
+        """Log evidence of the data with the prior of the sizes."""
+        return self._solved(sizes)[0] + sizes.log_prior
+
+    def tuned(self, start: Sizes) -> tuple[Sizes, float]:
+        """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
+        sizes = start
+        for side in (0.7, 0.2, 0.2):  # with other noise factors the sizes move little
+            factor = self._noise_factors(sizes)
+            settled = np.abs(np.log(factor / sizes.factor)).max() < 0.02
+            # the noise before the sizes: what is outside the basis would drive them up without end
+            sizes = self._best_sizes(replace(sizes, factor=factor), side)
+            if settled:
+                break
+        return sizes, self.log_evidence(sizes)
+
+    def _best_sizes(self, start: Sizes, side: float) -> Sizes:
+        """The sizes of the discrepancy of largest evidence at the noise factors of ``start``, looked for at first in
+        steps of ``side`` of their logarithms.
+        """
+
+        def at(x: np.ndarray) -> Sizes:
+            slow, fast = np.clip(np.exp(x), _SMALLEST, _LARGEST)
+            return replace(start, slow=float(slow), fast=float(fast))
+
+        begin = np.log(np.maximum([start.slow, start.fast], 0.03e-6))
+        simplex = begin - side * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 60, "initial_simplex": simplex}
+        best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
+        choices = [best, replace(best, slow=0.0), replace(best, fast=0.0), replace(best, slow=0.0, fast=0.0)]
+        return max(choices, key=self.log_evidence)
+
+    def _noise_factors(self, sizes: Sizes) -> np.ndarray:
+        """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""
+        _, step = self._solved(sizes)
+        rest = self.residual - self.products.times(step)
+        out = np.ones(len(self._live))
+        for k, (basis, at) in enumerate(self.discrepancy.tests):
+            across = rest[at] @ rest[at] - np.square(basis.T @ rest[at]).sum()
+            out[k] = math.sqrt((_KNOWN_NOISE + across) / (_KNOWN_NOISE + len(rest[at]) - basis.shape[1]))
+        return out
+
+
+def marginalised(
+    gram: np.ndarray,
+    score: np.ndarray,
+    square: float,
+    log_det: float,
+    precision: np.ndarray,
+    departure: np.ndarray,
+) -> tuple[float, np.ndarray]:
+    """Log evidence of a linear model with its parameters marginalised, and their step, (p,).
+
+    Args:
+        gram: Products of the columns with the inverse covariance between them, (p, p).
+        score: Those of the columns with the residual, (p,).
+        square: That of the residual with itself.
+        log_det: Logarithm of the covariance's determinant.
+        precision: Prior precisions of the parameters, (p,).
+        departure: How far they are from their prior means, (p,).
+    """
+    factor = cho_factor(gram + np.diag(precision), lower=True)
+    pull = score - precision * departure
+    step = cho_solve(factor, pull)
+    square = square + precision @ departure**2 - pull @ step
+    flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
+    return -0.5 * float(square + log_det + flexibility), step
