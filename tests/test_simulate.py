@@ -11,6 +11,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.effects import registry
 from mjsim.effects.registry import make
 from mjsim.errors import SimulationError
+from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.io.resources import examples
 from mjsim.machine.chain import FIVE_AXIS
@@ -70,8 +71,12 @@ def tests(cone, circle, turn):
 
 @pytest.mark.parametrize("delay", [0.37e-3, -0.4e-3, 12.8e-3])
 def test_a_command_that_comes_late_is_the_path_at_an_earlier_time(tests, delay):
-    """To less than 0.01 nm and 0.01 nrad, in cones that turn a table many times, and at both ends too."""
-    for test in tests:
+    """To less than 0.01 nm and 0.01 nrad: in cones that turn a table many times, at both ends, and at the corners of
+    the blocks of an NC program too.
+    """
+    corners = tests[2].chain.count * [0.0], [0.01, 0.0, 0.02, 0.1, 0.0], [0.0, 0.01, 0.02, 0.0, 0.2]
+    in_blocks = replace(tests[2], commanded=Commanded(np.array([0.5, 0.25]), np.array(corners)))
+    for test in (*tests, in_blocks):
         program, time = Program(test), time_grid(Program(test))
         now, then = program.commands(time), program.commands(time - delay)
         for axis in range(now.shape[1]):
