@@ -174,6 +174,7 @@ def test_effects_beyond_the_ladder_share_its_last_step():
 
 def test_many_findings_are_a_table(capsys):
     from mjsim.cli.diagnose import show
+    from mjsim.inference.unexplained import FurtherCurve
 
     def finding(i):
         waves = {"components": [[60.0, 0.001, 5.0], [120.0, 0.003, 7.0]]}
@@ -190,9 +191,12 @@ def test_many_findings_are_a_table(capsys):
         "verdict": "identified", "rms_before_um": 2.0, "rms_after_um": 0.12, "noise_um": 0.11, "left_out": [],
         "effects": [finding(i) for i in range(7)], "shares": [{"id": "pitch_error.A", "share": 0.02}],
         "calibration": [], "unexplained": None, "next_test": None, "not_testable": [],
+        "further_curves": [FurtherCurve("C", "Z", "position", 5e-7, 6e-7, 1e-7, 0.01).to_json()],
     }  # fmt: skip
     show(data, "c")
     text = capsys.readouterr().out
+    curve = "acts on the Z axis and depends on the C axis' position: up to 0.5 µm, 0.10 µm RMS in the readings"
+    assert curve in " ".join(text.split()) and "may have 0.6 µm" in " ".join(text.split())
     assert text.count("→") == 4  # in full
     assert "order 120: 0.00300 and 1" in text and "0.00290 to 0.00310" in text and "2.0 %" in text
     assert all(len(line) <= 80 for line in text.splitlines())
