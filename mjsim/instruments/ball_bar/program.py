@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from mjsim.instruments.ball_bar.commanded import Commanded
 from mjsim.instruments.ball_bar.follow import ACCELERATION, Followed, follow, own_path, trapezoid
@@ -87,8 +86,8 @@ class Program:
         before = int(np.floor(-delay / step))
         u = -delay / step - before
         # what a cubic misses between its points is at most 3/128 of the fourth difference
-        bend = np.pad(np.abs(np.diff(known, 4)), 2, constant_values=np.inf)
-        exact = (maximum_filter1d(bend, 7) > _BEND).take(at + before, mode="clip")
+        bent = np.pad(np.abs(np.diff(known, 4)) > _BEND, 2, constant_values=True)
+        exact = (np.convolve(bent, np.ones(7), "same") > 0.0).take(at + before, mode="clip")
         exact[::_COUNTED] = True
         weights = (
             -u * (u - 1.0) * (u - 2.0) / 6.0,
