@@ -259,8 +259,9 @@ def test_a_curve_within_its_class_is_told_and_is_no_finding(real):
     root = next(root for name, root in priors_of(term) if name == "smooth")
     curve = Curve(term, "smooth", root, problem.whiten_sparse(term.columns.together()), 0.0)
     reader = reader_of(problem, machine, fit, [curve.at(0.1, np.full(root.shape[1], 0.01))])
-    unexplained, (small,), probability, _ = reader._unknown(reader.model.fit)
-    assert unexplained is None and small.probability == probability < 0.01
+    unknown = reader._unknown(reader.model.fit)
+    (small,) = unknown.further
+    assert unknown.told is None and small.probability == unknown.probability < 0.01
     assert (small.axis, small.moves, small.variable) == ("C", "C", "position")
     assert small.limit == pytest.approx(0.0014 * np.pi / 180.0) and small.largest < small.limit
     assert "acts on the C axis and depends on its position: up to" in small.to_json()["summary"]

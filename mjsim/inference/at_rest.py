@@ -33,7 +33,7 @@ from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.design import Design
 from mjsim.inference.discrepancy import USUAL, Discrepancy, Sizes
 from mjsim.inference.effect_vector import EffectVector
-from mjsim.inference.findings import Explained, Reader, Verdicts
+from mjsim.inference.findings import Explained, Reader, UnknownCauses, Verdicts
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, entries_of
 from mjsim.inference.least_squares import LeastSquares
@@ -46,7 +46,6 @@ from mjsim.inference.search import Found, Model, Search
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.inference.signatures import Bank, Candidate, Projector, seeds
 from mjsim.inference.testability import detection_limits
-from mjsim.inference.unexplained import FurtherCurve, Unexplained
 from mjsim.inference.whitening import Whitening
 from mjsim.instruments.base import INSTRUMENTS, Stops
 from mjsim.machine.model import Machine, build
@@ -585,8 +584,8 @@ class RestReader(Reader[RestProblem]):
             out[f.effect.key] = part - p.columns @ taken_by(p.columns, part, noise)
         return out
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, tuple[FurtherCurve, ...], float, Fit]:
-        return None, (), self.search.misfit(self.model), fit
+    def _unknown(self, fit: Fit) -> UnknownCauses:
+        return UnknownCauses(fit, self.search.misfit(self.model))
 
     def _with_instrument(self, problem: RestProblem, fit: Fit) -> Fit:
         errors = problem.temperatures(fit)
@@ -611,11 +610,12 @@ class RestReader(Reader[RestProblem]):
         return len(np.unique(np.round(stood, 5))) >= 2.0 * finest * turns
 
     def _verdict(
-        self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: float, has_rest: bool
+        self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: UnknownCauses
     ) -> tuple[str, Verdicts]:
-        verdict, clear = super()._verdict(named, rows, shown, 0.0, has_rest)
-        verdicts = Verdicts(**{k: (1.0 - unknown) * v for k, v in vars(clear).items()} | {"unknown": unknown})
-        return "unknown" if unknown >= _LIKELY else verdict, verdicts
+        verdict, clear = super()._verdict(named, rows, shown, replace(unknown, probability=0.0))
+        p = unknown.probability
+        verdicts = Verdicts(**{k: (1.0 - p) * v for k, v in vars(clear).items()} | {"unknown": p})
+        return "unknown" if p >= _LIKELY else verdict, verdicts
 
     def clear_tests(self, fit: Fit) -> dict[str, tuple[str, ...]]:
         """By key of an effect the tests in which its part of the reading stands out of the noise, the clearest first;

@@ -118,6 +118,23 @@ def explain(separated: Separated, progress: Progress = silent, most: int | None 
     return _BarReader(search, search.run(most), progress).read(most)
 
 
+@dataclass(frozen=True)
+class UnknownCauses:
+    """What a model has of causes that are in no catalogue.
+
+    Attributes:
+        fit: The model, fitted beside the one that is told.
+        probability: That one of them is larger than its class allows.
+        told: The one that is farthest beyond its class, where it is a finding.
+        further: All others.
+    """
+
+    fit: Fit
+    probability: float = 0.0
+    told: Unexplained | None = None
+    further: tuple[FurtherCurve, ...] = ()
+
+
 class ClassSizes:
     """Sizes of fitted effects against what a machine of its class may have.
 
@@ -317,10 +334,8 @@ class Reader(ABC, Generic[D]):
         """What each effect adds to the readings that the set-up cannot take up, by key, (m,) SI."""
 
     @abstractmethod
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, tuple[FurtherCurve, ...], float, Fit]:
-        """The unknown cause that is farthest beyond its class, where it is a finding; all others; the probability that
-        it is larger than its class allows; the model fitted beside it.
-        """
+    def _unknown(self, fit: Fit) -> UnknownCauses:
+        """What a model has of causes that are in no catalogue."""
 
     @abstractmethod
     def _budget(self, fit: Fit) -> tuple[Budget, ...]:
@@ -335,7 +350,7 @@ class Reader(ABC, Generic[D]):
         return True
 
     def _verdict(
-        self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: float, has_rest: bool
+        self, named: list[FoundEffect], rows: list[FoundEffect], shown: Collection[str], unknown: UnknownCauses
     ) -> tuple[str, Verdicts]:
         """The verdict, and the probabilities of all.
 
@@ -343,12 +358,11 @@ class Reader(ABC, Generic[D]):
             named: Findings.
             rows: All effects of the model.
             shown: Keys of those of which the data say more than the tolerance.
-            unknown: Probability of a cause that is in no catalogue.
-            has_rest: Whether it is a finding.
+            unknown: Causes that are in no catalogue.
         """
-        verdict = verdict_of((bool(r.others) for r in named), has_rest)
+        verdict = verdict_of((bool(r.others) for r in named), unknown.told is not None)
         # a number that the data do not show is no more beyond its limit than on any machine of the class
-        return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown)
+        return verdict, self.of_class.verdicts(named, [r for r in rows if r.key in shown], unknown.probability)
 
     def _as_of_class(self, f: EffectVector) -> EffectVector:
         """An effect of the model with the prior that its class gives it, where it does."""
@@ -403,8 +417,9 @@ class Reader(ABC, Generic[D]):
                 break
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
-        unexplained, further, unknown, moved = self._unknown(fit)
-        if unexplained is not None:  # the same model where that cause is part of what the data are whitened by
+        unknown = self._unknown(fit)
+        moved = unknown.fit
+        if unknown.told is not None:  # the same model where that cause is part of what the data are whitened by
             fitter = self.search.fitter.with_problem(self.model.problem)
             fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
             sizes = self._sizes(fit)
@@ -429,10 +444,11 @@ class Reader(ABC, Generic[D]):
         named.sort(key=lambda r: (-excess[r.key], -r.gain))
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         shown = keys | {c.effect.effect.key for c in entries if c.observable}
-        verdict, verdicts = self._verdict(named, rows, shown, unknown, unexplained is not None)
+        verdict, verdicts = self._verdict(named, rows, shown, unknown)
         sums, left = combinations(fit, settings), self.model.sizes.rms
         ended = self.model.problem
-        return Explained(ended, selection, unexplained, further, entries, shares, sums, verdict, verdicts, left, budget)
+        told, further = unknown.told, unknown.further
+        return Explained(ended, selection, told, further, entries, shares, sums, verdict, verdicts, left, budget)
 
 
 class _BarReader(Reader[Problem]):
@@ -447,17 +463,17 @@ class _BarReader(Reader[Problem]):
     def _budget(self, fit: Fit) -> tuple[Budget, ...]:
         return budgets(fit, split_of_bars(self.model.problem), self.stated)
 
-    def _unknown(self, fit: Fit) -> tuple[Unexplained | None, tuple[FurtherCurve, ...], float, Fit]:
+    def _unknown(self, fit: Fit) -> UnknownCauses:
         curves = self.model.curves
         if not curves:
-            return None, (), 0.0, fit
+            return UnknownCauses(fit)
         sizes = [(c, values, self._curve_beyond(c.term, values, spread)) for c, (values, spread) in self._values(fit)]
         curve, _, (large, _) = max(sizes, key=lambda row: row[2])
         is_finding = large >= FINDING
         rest = [row for row in sizes if row[0] is not curve or not is_finding]
         further = tuple(self._further(fit, c, values, beyond) for c, values, (beyond, _) in rest)
         if not is_finding:
-            return None, further, large, fit
+            return UnknownCauses(fit, large, None, further)
         self.progress("describing what is in no catalogue", 0, 1)
         # where it jumps is what is asked now: the readings there have no error of their own
         problem = self.search.problem_of(self.model.sizes, [c for c in curves if c is not curve])
@@ -466,7 +482,8 @@ class _BarReader(Reader[Problem]):
         (best, probability), *others = self._terms(problem, alone, curve)
         moved, term, _ = fit_beside_simple(fitter, alone, best)
         others = [(t, large * p) for t, p in others]
-        return describe(problem, moved, term, large * probability, others), further, large, moved
+        told = describe(problem, moved, term, large * probability, others)
+        return UnknownCauses(moved, large, told, further)
 
     def _terms(self, problem: Problem, beside: Fit, curve: Curve) -> list[tuple[CurveTerm, float]]:
         """What an unknown cause may act on and depend on, with probabilities, the likeliest first: the fewest that hold

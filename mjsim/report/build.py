@@ -430,7 +430,7 @@ def diagnosed(
             "answer": headlines(result),
             "verdict_sentence": explained(result),
             "findings": findings(result),
-            "unexplained": " ".join([u.summary if u else _rest(rest), *(c.summary for c in result.further)]).strip(),
+            "unexplained": " ".join(filter(None, [u.summary if u else _rest(rest), _further(result)])),
             "curve": (*u.curve, u.labels, u.summary, u.period) if u else None,
             "not_testable": untestable(result.not_testable, problem),
             "next_test": next_test_sentence(result.next_test),
@@ -466,6 +466,11 @@ def _opened(repairs: WhatIf | None, alternatives: dict[str, tuple[str, ...]]) ->
     if repairs is None:
         return None
     return replace(repairs, rows=[replace(r, instead=alternatives.get(r.cause, ())) for r in repairs.rows])
+
+
+def _further(result: Diagnosis) -> str:
+    """Curves of unknown causes that the model has beside the one that is described in full."""
+    return " ".join(f"Also in the model: {c.summary[0].lower()}{c.summary[1:]}" for c in result.further)
 
 
 def _rest(percent: float | None) -> str:
