@@ -244,8 +244,8 @@ def test_what_a_bar_may_be_off_counts_for_what_is_beyond_a_limit(real):
     problem = replace(joint.data, campaign=replace(campaign, instruments=bars))
     reader = reader_of(problem, machine, joint.selection.fit)
     fit = reader.model.fit
-    sizes, alone = reader._sizes(fit), reader.of_class.sizes(fit)
-    uncertain = reader._with_instrument(reader.model.problem, fit)
+    uncertain = reader._fitted(fit, 0)
+    sizes, alone = reader._sizes(uncertain), reader.of_class.sizes(fit)
     for b in budgets(uncertain, split_of_bars(reader.model.problem), reader.stated):
         if b.effect_id.startswith("axis_location"):
             assert sizes[b.effect_id] == pytest.approx(b.beyond, rel=1e-3)

@@ -379,10 +379,12 @@ class Reader(ABC, Generic[D]):
         unknown cause an effect is only named for what no curve can say that is as large at any place as at its largest:
         an error that a machine of the class has for what is beyond that by the prior of the class, any other cause for
         what the model without it leaves.
+
+        Args:
+            fit: The model, with what the instrument may be off.
         """
         fitter, curves = self.search.fitter.with_problem(self.model.problem), self.model.curves
-        uncertain = self._with_instrument(self.model.problem, fit)
-        sizes = self.of_class.sizes(uncertain, lambda f: _without(fitter, fit, f))
+        sizes = self.of_class.sizes(fit, lambda f: _without(fitter, fit, f))
         if not curves:
             return sizes
         wide = [replace(c, width=max(c.width, c.largest)) for c in curves]
@@ -400,6 +402,12 @@ class Reader(ABC, Generic[D]):
             sizes[f.effect.key] = min(sizes[f.effect.key], float(expit(odds)))
         return sizes
 
+    def _fitted(self, start: Fit, iterations: int) -> Fit:
+        """The model fitted from ``start``, with what the instrument may be off."""
+        fitter = self.search.fitter.with_problem(self.model.problem)
+        fit = fitter.fit(start.effects, start=start, exact=True, iterations=iterations, fresh=False)
+        return self._with_instrument(self.model.problem, fit)
+
     def read(self, most: int | None) -> Explained[D]:
         """What the data say.
 
@@ -408,8 +416,7 @@ class Reader(ABC, Generic[D]):
         """
         fit, rivals, sizes = self.model.fit, {}, {}
         for swaps in range(_SWAPS + 1):
-            fitter = self.search.fitter.with_problem(self.model.problem)
-            fit = fitter.fit(self.model.fit.effects, start=self.model.fit, exact=True, iterations=3, fresh=False)
+            fit = self._fitted(self.model.fit, 3)
             sizes = self._sizes(fit)
             rivals = self.search.rivals_of(self.model, {key for key, p in sizes.items() if p >= FINDING})
             best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
@@ -418,13 +425,11 @@ class Reader(ABC, Generic[D]):
             # something else in its place is the better explanation
             self.found = replace(self.found, model=best)
         unknown = self._unknown(fit)
-        moved = unknown.fit
         if unknown.told is not None:  # the same model where that cause is part of what the data are whitened by
-            fitter = self.search.fitter.with_problem(self.model.problem)
-            fit = fitter.fit(moved.effects, start=moved, exact=True, iterations=0, fresh=False)
+            fit = self._fitted(unknown.fit, 0)
             sizes = self._sizes(fit)
-        whitened = self._with_instrument(self.model.problem, fit)
-        fit = replace(moved, considered=whitened.considered)
+        whitened = fit
+        fit = replace(unknown.fit, considered=whitened.considered)
         # a probability has the rivals' already: their spread goes into the intervals only
         rows = self.of_class.findings(fit, sizes, rivals, self.model.evidence)
         fit = with_choice(fit, rivals, self.model.evidence)
