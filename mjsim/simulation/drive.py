@@ -44,7 +44,9 @@ STATE_SIZE = 9
 _A, _B0, _B1, _BF = 0, 9, 12, 15
 _RATE, _SIGMA0, _SIGMA1, _COULOMB, _STATIC, _STRIBECK = 18, 24, 25, 26, 27, 28
 _RIPPLE, _GRAVITY, GEAR, _TI_TORQUE, _ELASTIC = 29, 32, 33, 34, 35
-_RATE_LOAD, _PLAY, _TWO_MASS = 36, 38, 39
+_RATE_LOAD, _PLAY, _TWO_MASS = 36, 38, 42
+# one over some of them: divisions are what a sub-step waits for
+_OF_COULOMB, _OF_SIGMA0, _OF_SUBSTEP = 39, 40, 41
 AXIS_SIZE = _TWO_MASS + 5 * 8
 
 
@@ -71,6 +73,8 @@ def _discretised(key: tuple, substep: float) -> np.ndarray:
     if p.coulomb > 0:
         s0 = p.coulomb / p.presliding
         out[_SIGMA0], out[_SIGMA1], out[_COULOMB] = s0, 0.3 * math.sqrt(s0 * p.inertia), p.coulomb
+        out[_OF_COULOMB], out[_OF_SIGMA0] = 1.0 / p.coulomb, 1.0 / s0
+    out[_OF_SUBSTEP] = 1.0 / substep
     out[_STATIC], out[_STRIBECK] = p.static_ratio, p.stribeck_velocity
     out[_RIPPLE : _RIPPLE + 3] = p.ripple
     out[_PLAY] = p.play
@@ -136,10 +140,28 @@ def start(p, s, r):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _row(e, i, th, om, it, lth, lom, ra, dr, f):
+def _row(e, i, th, om, it, lth, lom, outer):
     k = 8 * i
-    a = e[k] * th + e[k + 1] * om + e[k + 2] * it + e[k + 3] * lth + e[k + 4] * lom
-    return a + e[k + 5] * ra + e[k + 6] * dr + e[k + 7] * f
+    return outer + e[k + 3] * lth + e[k + 4] * lom + (e[k] * th + e[k + 2] * it) + e[k + 1] * om
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _stepped(p, th, om, it, lth, lom, seen, dr, f):
+    """State of the linear part after a sub-step with the inputs ``seen`` and ``dr`` and the torque ``f``.
+
+    What the state does not change is added up first: the next sub-step waits for the rest.
+    """
+    if p[_ELASTIC] > 0.0:
+        e = p[_TWO_MASS:]
+        t2 = _row(e, 0, th, om, it, lth, lom, e[5] * seen + e[6] * dr + e[7] * f)
+        o2 = _row(e, 1, th, om, it, lth, lom, e[13] * seen + e[14] * dr + e[15] * f)
+        i2 = _row(e, 2, th, om, it, lth, lom, e[21] * seen + e[22] * dr + e[23] * f)
+        l2 = _row(e, 3, th, om, it, lth, lom, e[29] * seen + e[30] * dr + e[31] * f)
+        return t2, o2, i2, l2, _row(e, 4, th, om, it, lth, lom, e[37] * seen + e[38] * dr + e[39] * f)
+    t2 = (p[9] * seen + p[12] * dr + p[15] * f) + (p[0] * th + p[2] * it) + p[1] * om
+    o2 = (p[10] * seen + p[13] * dr + p[16] * f) + (p[3] * th + p[5] * it) + p[4] * om
+    i2 = (p[11] * seen + p[14] * dr + p[17] * f) + (p[6] * th + p[8] * it) + p[7] * om
+    return t2, o2, i2, lth, lom
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -168,23 +190,26 @@ def advance(p, s, r_next, load_torque, substep, substeps):
     ra = r0
     half, behind = p[_PLAY], s[BEHIND]  # of a play inside the position loop
     lost = behind - (lth if elastic else th) if half > 0.0 else 0.0
-    n, rate_of = 1.0 / substeps, 1.0 / substep
-    g, of_g, of_s0 = tc, 0.0, 0.0  # divisions are what this loop waits for: those by what does not change come first
-    if tc > 0.0:
-        of_g, of_s0 = 1.0 / tc, 1.0 / s0
+    n, rate_of = 1.0 / substeps, p[_OF_SUBSTEP]
+    g, of_g, of_s0 = tc, p[_OF_COULOMB], p[_OF_SIGMA0]
+    is_level = p[_STRIBECK] == 0.0 and ripple == 0.0
     for k in range(substeps):
         u = (k + 1) * n
         rc = r0 + u * (slope + u * curve)
         dr = rc - ra
-        f, seen = constant, ra - lost
-        if tc > 0.0 or ripple != 0.0:
+        f, seen = constant + s0 * z, ra - lost
+        end = math.copysign(g * of_s0, om)
+        # it slides on, as for most of a test, and has the friction that it had
+        slides = is_level and abs(z - end) <= _ROUNDING * abs(end)
+        t2, o2, i2, l2, lo2 = _stepped(p, th, om, it, lth, lom, seen, dr, f)
+        if not slides or o2 * om < 0.0:
             # mid velocity from the rate now, friction at the bristle's present state
-            if p[_STRIBECK] > 0.0:
-                w = om / p[_STRIBECK]
-                of_g = 1.0 / (tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w)))
-            now = constant
+            f, now = constant, f
             if tc > 0.0:
-                now += s0 * z + s1 * (om - abs(om) * s0 * z * of_g)
+                if p[_STRIBECK] > 0.0:
+                    w = om / p[_STRIBECK]
+                    of_g = 1.0 / (tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w)))
+                now += s1 * (om - abs(om) * s0 * z * of_g)
             if ripple != 0.0:
                 now += ripple * math.sin(p[_RIPPLE + 1] * th + p[_RIPPLE + 2])
             rate = p[_RATE] * th + p[_RATE + 1] * om + p[_RATE + 2] * it
@@ -199,7 +224,7 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                     of_g = 1.0 / g
                 end = math.copysign(g * of_s0, mid)
                 a = abs(mid) * substep * s0 * of_g
-                if abs(z - end) <= _ROUNDING * abs(end):  # it slides on, as for most of a test
+                if abs(z - end) <= _ROUNDING * abs(end):
                     zn = mean = z
                 elif a > 1e-9:
                     zn, mean = bristle(z, end, a)
@@ -210,19 +235,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 z = zn
             if ripple != 0.0:
                 f += ripple * math.sin(p[_RIPPLE + 1] * (th + 0.5 * substep * om) + p[_RIPPLE + 2])
-        if elastic:
-            e = p[_TWO_MASS:]
-            t2 = _row(e, 0, th, om, it, lth, lom, seen, dr, f)
-            o2 = _row(e, 1, th, om, it, lth, lom, seen, dr, f)
-            i2 = _row(e, 2, th, om, it, lth, lom, seen, dr, f)
-            l2 = _row(e, 3, th, om, it, lth, lom, seen, dr, f)
-            lom = _row(e, 4, th, om, it, lth, lom, seen, dr, f)
-            lth = l2
-        else:
-            t2 = p[0] * th + p[1] * om + p[2] * it + p[9] * seen + p[12] * dr + p[15] * f
-            o2 = p[3] * th + p[4] * om + p[5] * it + p[10] * seen + p[13] * dr + p[16] * f
-            i2 = p[6] * th + p[7] * om + p[8] * it + p[11] * seen + p[14] * dr + p[17] * f
-        th, om, it = t2, o2, i2
+            t2, o2, i2, l2, lo2 = _stepped(p, th, om, it, lth, lom, seen, dr, f)
+        th, om, it, lth, lom = t2, o2, i2, l2, lo2
         if half > 0.0:
             before = lth if elastic else th
             behind = min(max(behind, before - half), before + half)
