@@ -14,6 +14,7 @@ from mjsim.commands.calibrate import calibrate
 from mjsim.effects.registry import make
 from mjsim.inference.budget import Budget
 from mjsim.inference.calibration import calibrated_effects
+from mjsim.inference.findings import ClassSizes
 from mjsim.inference.shares import Calibration
 from mjsim.plots.waterfall import Fall, waterfall_figure
 from mjsim.report import causes, whatif
@@ -33,6 +34,16 @@ def _calibration(machine, key, width, rms, **values):
     else:
         ends = [v - width, v + width]
     return Calibration(free, {name: ends}, next(iter(expected.limits.values())), True, rms)
+
+
+@pytest.mark.parametrize(("width_deg", "beyond"), [(0.0004, 0.0), (0.0008, 0.0), (0.0016, 0.5), (0.0032, 0.75)])
+def test_what_is_beyond_a_limit_is_what_goes_when_the_limit_is_kept(m1, width_deg, beyond):
+    machine = dataclasses.replace(m1, tolerance=TOLERANCE)
+    known = {c.key: c for c in calibrated_effects(machine)}
+    free = known["backlash.A"].free
+    free = free.with_effect(free.effect.replaced(width_deg=width_deg))
+    assert ClassSizes(known, machine).excess(free) == pytest.approx(beyond)
+    assert ClassSizes({}, machine).excess(free) == 1.0  # of a machine without a class nothing is allowed
 
 
 @pytest.fixture

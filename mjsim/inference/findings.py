@@ -247,11 +247,12 @@ class ClassSizes:
         return best
 
     def excess(self, f: EffectVector) -> float:
-        """Size of an effect over that of its class; zero where its class has none at all."""
+        """Share of an effect that is beyond the limit of its class; all of it where its class has none at all."""
         if not self.expected:
-            return 0.0
+            return 1.0
         mean, limit = self._class_of(f)
-        return float(np.max([np.linalg.norm(((f.vector - mean) / limit)[at]) for _, at in entries_of(f)]))
+        size = np.max([np.linalg.norm(((f.vector - mean) / limit)[at]) for _, at in entries_of(f)])
+        return 1.0 - 1.0 / max(float(size), 1.0)
 
     def in_class(self, f: EffectVector) -> Calibrated:
         """What a machine of the class may have of an effect, also where no tolerance says so."""
@@ -446,7 +447,8 @@ class Reader(ABC, Generic[D]):
         entries = tuple(replace(c, observable=c.observable and c.effect.effect.key not in coarse) for c in entries)
         explained = self.found.start.sum_squares - fit.sum_squares
         named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
-        named.sort(key=lambda r: (-excess[r.key], -r.gain))
+        # first what takes most of the error away when it is brought back to its limit
+        named.sort(key=lambda r: (-r.gain * excess[r.key] ** 2, -r.gain))
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         shown = keys | {c.effect.effect.key for c in entries if c.observable}
         verdict, verdicts = self._verdict(named, rows, shown, unknown)
