@@ -261,14 +261,13 @@ class LinearModel:
 
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
-        sizes = start
-        for side in (0.7, 0.2, 0.2):  # with other noise factors the sizes move little
-            factor = self._noise_factors(sizes)
-            settled = np.abs(np.log(factor / sizes.factor)).max() < 0.02
-            # the noise before the sizes: what is outside the basis would drive them up without end
-            sizes = self._best_sizes(replace(sizes, factor=factor), side)
-            if settled:
+        # the noise before the sizes: what is outside the basis would drive them up without end
+        sizes = self._best_sizes(replace(start, factor=self._noise_factors(start)), 0.7)
+        for _ in range(2):
+            before, sizes = sizes, replace(sizes, factor=self._noise_factors(sizes))
+            if np.abs(np.log(sizes.factor / before.factor)).max() < 0.02:
                 break
+            sizes = self._best_sizes(sizes, 0.2)  # with other noise factors they move little
         return sizes, self.log_evidence(sizes)
 
     def _best_sizes(self, start: Sizes, side: float) -> Sizes:
