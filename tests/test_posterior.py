@@ -242,7 +242,7 @@ def test_what_is_impossible_is_not_chosen(few):
 def test_what_looks_alike_is_told_as_a_rival(few):
     linear = few[2]
     best = linear.best_set()
-    assert [g for _, g, _ in linear.rivals(best, 2, within=200.0, share=0.0)][:1] == [3]
+    assert [g for _, g, _ in linear.rivals(best, 2)][:1] == [3]
 
 
 @pytest.mark.parametrize(("centre", "limit"), [((0.0, 0.0), 1.0), ((2.0, 0.0), 1.5), ((0.6, -0.6), 2.0)])

@@ -31,7 +31,7 @@ from mjsim.inference.disturbances import readmitted, without_disturbances
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter, retimed
 from mjsim.inference.hypotheses import CAUSE, WIDTHS, Hypotheses
-from mjsim.inference.linear_evidence import Chosen, without
+from mjsim.inference.linear_evidence import NEAR, Chosen, margin, without
 from mjsim.inference.linear_model import Products
 from mjsim.inference.nuisance import TRIGGER, TRIGGERS
 from mjsim.inference.problem import Problem
@@ -39,8 +39,6 @@ from mjsim.inference.search import (
     FIRST,
     FITTED,
     LEAST,
-    NEAR,
-    ROUGH,
     ROUNDS,
     STEPS,
     DataFitter,
@@ -468,7 +466,7 @@ class BarSearch(Search[Problem]):
             best = model
             first = None
             for chosen, level, odds in _best_at_levels(hypotheses, self._widths(hypotheses)):
-                if best.leaves_nothing and first is not None and odds < first - max(NEAR, ROUGH * first):
+                if best.leaves_nothing and first is not None and odds < first - margin(first):
                     continue
                 first = odds if first is None else first
                 best = max(best, self._fitted(model, (hypotheses, chosen, level)), key=lambda m: m.evidence)

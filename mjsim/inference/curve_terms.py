@@ -60,6 +60,10 @@ RADIAL = "table radial"
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
 #: Variables that change little within a block. Of the others, a block mean says too little around a reversal.
 SLOW = ("position", "clock_time")
+#: A curve is looked at with so many times the knots: one of a variable with small details, since scales, screws and
+#: wheels have steps and teeth, and what turns back lets go at once; and any other, that has a bend or a jump at most.
+_FINER, _SMOOTHER = (2, 4, 8, 16), (2, 4)
+_DETAILED = ("position", "direction", "time_since_reversal")
 #: Variables whose curves count with the direction of motion.
 SIGNED = ("direction", "time_since_reversal")
 #: Knots of the curve, rad.
@@ -262,14 +266,16 @@ class CurveTerms:
 
         return self.problem.map(load)
 
-    def finer(self, term: CurveTerm, factor: int) -> Iterator[CurveTerm]:
-        """The same term with ``factor`` times as many knots."""
+    def finer(self, term: CurveTerm, most: int) -> Iterator[CurveTerm]:
+        """The same term with more knots, up to ``most``."""
         if term.moves == RADIAL or (term.period and not term.axis):
             return
-        n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
-        knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
         values = self._values(term.axis, term.variable) if term.axis else [m.clock for m in self.motions]
-        yield from self._term(term.axis, term.moves, term.variable, knots, term.period, values)
+        for factor in _FINER if term.variable in _DETAILED else _SMOOTHER:
+            n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
+            if n <= most:
+                knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
+                yield from self._term(term.axis, term.moves, term.variable, knots, term.period, values)
 
     def _term(
         self, axis: str, moves: str, variable: str, knots: np.ndarray, period: float | None, values: list[np.ndarray]

@@ -37,7 +37,7 @@ from mjsim.inference.problem import Problem
 from mjsim.inference.search import STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell, number_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of, unabsorbed
 from mjsim.inference.unexplained import FurtherCurve, Unexplained, describe
-from mjsim.inference.unknown_curves import FINER, Curve, best_curves
+from mjsim.inference.unknown_curves import Curve, best_curves
 from mjsim.inference.vibration import Separated
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import Machine
@@ -572,7 +572,6 @@ def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, Curve
     between two of them.
     """
     shape = partial(simplest_shape, closed=term.period is not None)
-    finer = [t for n in FINER for t in terms.finer(term, n) if len(t.knots) <= _SHARPEST]
-    whiten = terms.problem.whiten
-    rows = [(Together(terms.fit, whiten(t.columns), 1.0, shape).objective, t) for t in (term, *finer)]
+    whiten, all_terms = terms.problem.whiten, (term, *terms.finer(term, _SHARPEST))
+    rows = [(Together(terms.fit, whiten(t.columns), 1.0, shape).objective, t) for t in all_terms]
     return min(rows, key=lambda row: row[0])

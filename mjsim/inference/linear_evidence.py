@@ -22,6 +22,9 @@ _CHECKED = 40
 _MANY = 30
 #: Sets of curves that are kept.
 _KEPT = 10
+#: Log odds within which another hypothesis may stand in the place of one, nats: odds of 160,000 to one; and the share
+#: of its log odds that the linear problem may be wrong by (assumed).
+NEAR, _ROUGH = 12.0, 0.1
 #: Of BLAS: a product is added to a matrix.
 (_GEMM,) = get_blas_funcs(("gemm",), dtype=np.float64)
 #: Of LAPACK: a symmetric matrix becomes tridiagonal, vectors are turned alike, and a tridiagonal matrix is solved.
@@ -280,20 +283,18 @@ class LinearEvidence:
                 break
         return chosen
 
-    def rivals(self, chosen: Chosen, h: int, within: float, share: float) -> list[tuple[float, int, float]]:
+    def rivals(self, chosen: Chosen, h: int) -> list[tuple[float, int, float]]:
         """What could stand in the place of one member, the likeliest first: log odds, place and width of the best
         hypothesis of each name that comes near it. Another seed of the same effect is one of them.
 
         Args:
             chosen: The set.
             h: The member.
-            within: Log odds by which a rival may fall short of the member, nats.
-            share: The same as a share of the member's log odds, where that is more.
         """
         odds, width = self.odds(without(chosen, h))
         out: dict[str, tuple[float, int, float]] = {}
         for g in np.argsort(-odds):
-            if odds[g] < max(odds[h] - max(within, share * odds[h]), 0.0):
+            if odds[g] < max(odds[h] - margin(odds[h]), 0.0):
                 break
             name = self.hypotheses[g].name
             is_other = g != h and not (name == self.hypotheses[h].name and self.hypotheses[h].several)
@@ -363,6 +364,11 @@ def _of_curve(information: np.ndarray, score: np.ndarray, widths: np.ndarray) ->
         step, _ = _PTTRS(pivots, factors, turned)
         out.append(0.5 * (turned @ step - np.log(pivots / prior).sum()))
     return np.array(out)
+
+
+def margin(odds: float) -> float:
+    """By how much a rival may fall short of a hypothesis with such log odds in the linear problem, nats."""
+    return max(NEAR, _ROUGH * odds)
 
 
 def without(chosen: Chosen, g: int) -> Chosen:

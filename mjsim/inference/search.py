@@ -49,9 +49,8 @@ _KEPT = 0.5
 _LEVELS = (0.4, 0.15, 0.0)
 #: Most rounds of one search.
 ROUNDS = 8
-#: Difference in log evidence within which another hypothesis may stand in the place of one, nats: odds of 160,000 to
-#: one; the share of its log odds that the linear problem may be wrong by (assumed); and most that are fitted there.
-NEAR, ROUGH, RIVALS = 12.0, 0.1, 2
+#: Most hypotheses that are fitted in the place of one.
+RIVALS = 2
 #: Evidence against a cause of a size that makes no sense by itself, nats: odds of one to ten (assumed). With one to
 #: twenty such a cause would never be told, however well it explains the data: see TOLD.
 _UNLIKELY = 2.3
@@ -571,7 +570,7 @@ class Search(Ascent[Model[D]]):
                 continue
             self.progress(f"what could stand in the place of {mine.name}", 0, 1)
             rest = without(chosen, h)
-            rows = hypotheses.linear.rivals(chosen, h, NEAR, ROUGH)
+            rows = hypotheses.linear.rivals(chosen, h)
             rivals = {g: w for _, g, w in [row for row in rows if hypotheses.all[row[1]].curve is None][:RIVALS]}
             for g in (*rivals, *(g for g in hypotheses.look_alikes(h) if g not in rivals)):
                 trial = self._fitted(model, (hypotheses, {**rest, g: rivals.get(g, 1.0)}, 0))

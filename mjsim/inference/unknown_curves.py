@@ -19,7 +19,7 @@ from scipy.sparse import csr_array, diags_array
 
 from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms, radial_curves
 from mjsim.inference.fit import Fit
-from mjsim.inference.linear_evidence import Columns, LinearEvidence
+from mjsim.inference.linear_evidence import Columns, LinearEvidence, margin
 from mjsim.inference.problem import Problem
 from mjsim.inference.whitening import Whitening
 
@@ -38,9 +38,9 @@ _STRETCHES = (math.radians(10.0), math.radians(30.0))
 _LOBES = range(1, 9)
 #: Share of the largest variance below which a direction of a prior is left out.
 _SMALL = 2e-3
-#: The best curves are looked at with so many times the knots, up to such a number of knots: steps and single teeth are
-#: sharper than the others.
-_REFINED, FINER, _LONGEST = 2, (2, 4, 8, 16), 300
+#: So many of the best curves are looked at with more knots, up to such a number: steps and single teeth are sharper
+#: than the others.
+_REFINED, _LONGEST = 2, 300
 #: Curves that compete beside the model, the best of all.
 _MOST = 6
 
@@ -189,7 +189,8 @@ def best_curves(
         problem: The measured tests with the whitening of the model but for curves that are to compete.
         fit: The model, whitened by ``problem``.
         plain: The same tests whitened by the campaign's noise alone.
-        own: Names of the curves of the model: each of their priors competes, with the number of knots that suits it.
+        own: Names of the curves of the model: each of their priors that comes near the best competes, with the number
+            of knots that suits it.
         others: Whether others compete as well, each with the prior that explains most.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
@@ -224,7 +225,7 @@ def best_curves(
         is_own = Curve.called(coarse) in own
         # coarse knots miss the steps of an encoder and single teeth, which are over the position
         if is_own or place < _MOST or (coarse.variable, coarse.moves) == ("position", coarse.axis):
-            finer = [t for n in FINER for t in terms.finer(coarse, n) if len(t.knots) <= _LONGEST]
+            finer = [*terms.finer(coarse, _LONGEST)]
             sharp = (_evidence(*linear.of(t), steps_of(t)) for t in finer[-1:])
             ranked.append((max([evidence, *sharp]), is_own, coarse, finer))
     ranked.sort(key=lambda row: -row[0])
@@ -247,7 +248,11 @@ def best_curves(
             known = linear.of(term)
             for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
-    kept = sorted(out.values(), key=lambda row: -row[0])
+    best: dict[str, float] = {}
+    for evidence, term, *_ in sorted(out.values(), key=lambda row: row[0]):
+        best[Curve.called(term)] = evidence - margin(evidence)
+    near = [row for row in out.values() if row[0] >= best[Curve.called(row[1])]]
+    kept = sorted(near, key=lambda row: -row[0])
     distinct = {id(term): term for _, term, *_ in kept}  # several priors of one curve share its rows
     rows = {key: plain.whiten_sparse(term.columns.together()) for key, term in distinct.items()}
     return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in kept]

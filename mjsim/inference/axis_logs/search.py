@@ -25,7 +25,8 @@ from mjsim.inference.axis_logs.promise import take_first_steps
 from mjsim.inference.axis_logs.start import start_model
 from mjsim.inference.axis_logs.waves import strongest_orders
 from mjsim.inference.calibration import LIMIT_DEVIATIONS
-from mjsim.inference.search import FITTED, LEAST, NEAR, RIVALS, ROUGH, Ascent, Proposal, names_to_tell
+from mjsim.inference.linear_evidence import margin
+from mjsim.inference.search import FITTED, LEAST, RIVALS, Ascent, Proposal, names_to_tell
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 
@@ -151,7 +152,7 @@ class AxisSearch(Ascent[LogModel]):
         rows = self.extend_by_each(model)
         alone = sorted(range(len(rows)), key=lambda i: min(m.fit.squares for m in rows[i]))
         in_turn = dict.fromkeys(itertools.chain(*zip(alone, range(len(rows)), strict=True)))
-        least = model.evidence - max(NEAR, ROUGH * model.fit.discrepancy.missing)
+        least = model.evidence - margin(model.fit.discrepancy.missing)
         best = [rows[i] for i in list(in_turn)[:FITTED]]
         return [Proposal(row[0].keys, row) for row in best if row[0].evidence > least]
 
@@ -234,7 +235,7 @@ class AxisSearch(Ascent[LogModel]):
             # the same effect at another order, or in another shape, is no other cause
             if other == cause.effect.id or len(m.causes) > len(without.causes) + 1:
                 continue
-            if looked_at == RIVALS or worse > max(NEAR, ROUGH * own):
+            if looked_at == RIVALS or worse > margin(own):
                 rejected[other] = round(worse, 1)
                 break
             looked_at += 1
