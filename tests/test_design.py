@@ -45,4 +45,5 @@ def test_a_part_of_a_design_is_that_part_of_its_matrix(both):
     np.testing.assert_array_equal(design.columns(places), full[:, places])
     np.testing.assert_array_equal(design.columns(slice(5, 7)), full[:, 5:7])
     np.testing.assert_array_equal(design.without(places) @ np.eye(7), np.delete(full, places, axis=1))
-    np.testing.assert_array_equal(design.of_nuisances @ np.eye(5), full[:, :5])
+    np.testing.assert_array_equal(design.of_nuisances.dense(), full[:, :5])
+    np.testing.assert_array_equal(design.dense(full[:, 2]), np.column_stack([full, full[:, 2]]))

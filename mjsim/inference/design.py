@@ -50,6 +50,17 @@ class Design:
             out[rows] += columns @ vector[places]
         return out
 
+    def dense(self, *behind: np.ndarray) -> np.ndarray:
+        """All columns as a matrix, (count, p + k), with k others ``behind``, (count,) each."""
+        p = self.shape[1]
+        out = np.zeros((self.shape[0], p + len(behind)))
+        out[:, self.nuisances : p] = self.rest
+        for i, column in enumerate(behind):
+            out[:, p + i] = column
+        for rows, (places, columns) in zip(self._rows, self.blocks, strict=True):
+            out[rows, places] += columns
+        return out
+
     def without(self, places: np.ndarray) -> Design:
         """The design without the columns at ``places``, none of which is a nuisance's."""
         return Design(self.blocks, self.nuisances, np.delete(self.rest, places - self.nuisances, axis=1))

@@ -191,12 +191,7 @@ class Discrepancy:
         Returns:
             Columns of all parameters (count, p), and the residual (count,).
         """
-        design, whitening = fit.design, fit.whitening
-        out = np.zeros((len(fit.residual), design.shape[1] + 1))
-        out[:, design.nuisances : -1] = design.rest
-        for rows, (places, own) in zip(self.rows, design.blocks, strict=True):
-            out[rows, places] += own
-        out[:, -1] = fit.residual
+        whitening, out = fit.whitening, fit.design.dense(fit.residual)
         if whitening is not None:
             out = whitening.all_undone(out)
             for k, rows in enumerate(self.rows):

@@ -340,7 +340,7 @@ class Problem:
         if self.whitening is None or not self.whitening.shared:
             return blocks
         every = np.arange(self.nuisances.size)
-        dense = self.whitening.of_all(Design(blocks, self.nuisances.size) @ np.eye(self.nuisances.size))
+        dense = self.whitening.of_all(Design(blocks, self.nuisances.size).dense())
         return [(every, dense[rows]) for rows in self.rows]
 
     def difference(

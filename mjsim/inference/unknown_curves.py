@@ -272,8 +272,8 @@ class _BesideModel:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.fit = fit
         whitening = problem.whitening or Whitening(np.ones(len(problem.tests)))
-        columns = np.column_stack([fit.design @ np.eye(fit.design.shape[1]), fit.residual])
-        seen = np.hstack([whitening.of_all(columns), whitening.shrunk_together(problem.count)])
+        columns = whitening.of_all(fit.design.dense(fit.residual))
+        seen = np.hstack([columns, whitening.shrunk_together(problem.count)])
         twice, self._basis, first = [], [], 0
         for k, at in enumerate(problem.rows):
             back = problem.filters[k].T
