@@ -248,14 +248,15 @@ def best_curves(
             known = linear.of(term)
             for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
-    best: dict[str, float] = {}
-    for evidence, term, *_ in sorted(out.values(), key=lambda row: row[0]):
-        best[Curve.called(term)] = evidence - margin(evidence)
-    near = [row for row in out.values() if row[0] >= best[Curve.called(row[1])]]
-    kept = sorted(near, key=lambda row: -row[0])
-    distinct = {id(term): term for _, term, *_ in kept}  # several priors of one curve share its rows
+    # forms of one curve compete where they come near its best one
+    near: list[tuple[float, CurveTerm, str, np.ndarray, float]] = []
+    least: dict[str, float] = {}
+    for row in sorted(out.values(), key=lambda row: -row[0]):
+        if row[0] >= least.setdefault(Curve.called(row[1]), row[0] - margin(row[0])):
+            near.append(row)
+    distinct = {id(term): term for _, term, *_ in near}  # several priors of one curve share its rows
     rows = {key: plain.whiten_sparse(term.columns.together()) for key, term in distinct.items()}
-    return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in kept]
+    return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in near]
 
 
 class _BesideModel:
