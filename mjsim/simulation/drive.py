@@ -199,7 +199,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
         dr = rc - ra
         f, seen = constant + s0 * z, ra - lost
         end = math.copysign(g * of_s0, om)
-        # it slides on, as for most of a test, and has the friction that it had
+        # It slides on, as for most of a test, and has the friction that it had. That is tried in any case: a branch
+        # around it costs every sub-step more than a step that is in vain.
         slides = is_level and abs(z - end) <= _ROUNDING * abs(end)
         t2, o2, i2, l2, lo2 = _stepped(p, th, om, it, lth, lom, seen, dr, f)
         if not slides or o2 * om < 0.0:
