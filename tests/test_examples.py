@@ -15,7 +15,7 @@ from mjsim.io.resources import examples
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_plans")]
 KEYS = {
-    "verdict", "probabilities", "noise_um", "discrepancy_um", "rms_before_um", "rms_after_um", "effects",
+    "verdict", "probabilities", "noise_um", "discrepancy_um", "louder", "rms_before_um", "rms_after_um", "effects",
     "unexplained", "further_curves", "not_testable", "left_out", "next_test", "samples", "calibration", "combinations",
     "shares", "budget",
 }  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +17,7 @@ from mjsim.commands.finding import DiagnosedEffect, rounded
 from mjsim.inference.budget import Budget
 from mjsim.inference.combinations import Combination
 from mjsim.inference.hypotheses import name_of
+from mjsim.inference.local_noise import LouderPlace
 from mjsim.inference.outcome import verdict_of
 from mjsim.inference.posterior import Posterior
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
@@ -39,6 +41,30 @@ VERDICTS = {
     "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's "
     "tolerances.",
 }
+
+
+#: Most tests that are told to be louder than the instrument at some places, one by one.
+_LOUDEST = 3
+
+
+def louder_sentence(rows: Sequence[dict]) -> str:
+    """Which tests are louder than the instrument, and where; empty where none is.
+
+    Args:
+        rows: ``louder`` of the JSON of ``mjsim diagnose``, the loudest test first.
+    """
+    if not rows:
+        return ""
+    told = [
+        f"{r['test']} (most at {r['time_s']:.1f} s, {r['frequency_Hz'][0]:g} to {r['frequency_Hz'][1]:g} Hz: "
+        f"{r['times']:.2g} times the noise)"
+        for r in rows[:_LOUDEST]
+    ]
+    told += [f"{len(rows) - _LOUDEST} more"] if len(rows) > _LOUDEST else []
+    return (
+        f"Louder than the instrument at some places, as where a structure rings: {'; '.join(told)}. What is louder "
+        "there counts as noise."
+    )
 
 
 @dataclass(frozen=True)
@@ -115,6 +141,7 @@ class Diagnosis:
         at_rest: What was measured while the machine stood still, one for each instrument.
         budget: Where the uncertainty of every fitted number comes from.
         further: Curves of unknown causes that the model has beside ``unexplained``.
+        louder: Where ball-bar tests are louder than the instrument, the loudest test first.
     """
 
     campaign: Campaign
@@ -140,6 +167,7 @@ class Diagnosis:
     at_rest: tuple[AtRest, ...] = ()
     budget: tuple[Budget, ...] = ()
     further: tuple[FurtherCurve, ...] = ()
+    louder: tuple[LouderPlace, ...] = ()
 
     @property
     def has_bars(self) -> bool:
@@ -193,6 +221,7 @@ class Diagnosis:
             "probabilities": self.probabilities,
             "noise_um": _r(self.noise / UM),
             "discrepancy_um": _r(self.discrepancy / UM),
+            "louder": [place.to_json() for place in self.louder],
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),
             "effects": [e.to_json(self.machine) for e in self.effects],

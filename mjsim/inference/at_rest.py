@@ -213,6 +213,11 @@ class RestProblem:
             fast.append(np.zeros((further, further)))
         return Discrepancy(basis, slow, fast)
 
+    @property
+    def local_rms(self) -> float:
+        """Readings at rest are as loud everywhere, m."""
+        return 0.0
+
     def whitened_by(self, whitening: Whitening) -> RestProblem:
         """The problem with another whitening of what its errors are beyond the noise."""
         return replace(self, whitening=whitening)

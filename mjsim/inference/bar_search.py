@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +33,7 @@ from mjsim.inference.fit import Fit, Fitter, retimed
 from mjsim.inference.hypotheses import CAUSE, WIDTHS, Hypotheses
 from mjsim.inference.linear_evidence import NEAR, Chosen, margin, without
 from mjsim.inference.linear_model import Products
+from mjsim.inference.local_noise import LocalNoise
 from mjsim.inference.nuisance import TRIGGER, TRIGGERS
 from mjsim.inference.problem import Problem
 from mjsim.inference.search import (
@@ -290,10 +291,11 @@ class BarSearch(Search[Problem]):
         may show a knock that its waves have hidden; and where nothing repeats, a quick local fault looks like a knock
         until it is known.
         """
+        self._take_noise_of(model)
         other = model if model.curves else self._on_samples(model, readmitted)
         if model.leaves_nothing and not model.curves:
             other = self._cleaned(other)
-        model = model if other is model else self._settled(other)
+        model = model if other is model else self._renoised(self._settled(other))
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
 
     def _discrepancy(self) -> Discrepancy:
@@ -355,6 +357,48 @@ class BarSearch(Search[Problem]):
         fit = fitter.fit(better.effects, start=better, exact=True, iterations=STEPS, fresh=False)
         return self._settled(replace(model, fit=fit), 0) if fit.objective < model.fit.objective - 1.0 else model
 
+    @property
+    def _of_noise(self) -> float:
+        return sum(n.log_evidence for n in self.plain.local.values())
+
+    def _take_noise_of(self, model: Model[Problem]) -> None:
+        if model.base.local is not self.plain.local:
+            self._begin_with(model.base.local)
+
+    def _begin_with(self, local: Mapping[int, LocalNoise]) -> None:
+        """Go on with another local noise of the tests."""
+        known = self._signatures
+        self._begin(self.fitter.with_problem(self.plain.with_local_noise(local)))
+        self._signatures = known
+
+    def _renoised(self, model: Model[Problem]) -> Model[Problem]:
+        """The model on tests that are louder where it leaves more; itself where that gains no evidence."""
+        if model.leaves_nothing:
+            return model
+        linear = self._linear_of(model)
+        rest, tests = linear.rest(model.sizes), linear.discrepancy.tests
+        found = {k: self.plain.local_noise(k, rest[at], basis) for k, (basis, at) in enumerate(tests)}
+        local = {k: noise for k, noise in found.items() if noise is not None}
+        if not local and not self.plain.local:
+            return model
+        self._begin_with(local)
+        curves = tuple(replace(c, rows=self.plain.whiten_sparse(c.term.columns.together())) for c in model.curves)
+        sizes = replace(model.sizes, factor=np.ones(len(self.plain.tests)))
+        base = self.base_of(sizes, curves)
+        better = self._fitted_again(replace(model, base=base, sizes=sizes, curves=curves), STEPS)
+        return better if better.evidence > model.evidence else model
+
+    def _or_beside_local_noise(self, model: Model[Problem], better: Model[Problem] | None) -> Model[Problem] | None:
+        """What is sharp passes for local noise as long as it is in no model. So a better model is looked for without
+        such noise first, and beside it only where the better one leaves some.
+        """
+        if better is not None and not better.base.local:
+            return better
+        other = self._renoised(model)
+        if other is model:
+            return better
+        return max(better or model, self._better(other) or other, key=lambda m: m.evidence)
+
     # -- hypotheses ----------------------------------------------------------------------------------------------------
 
     def signatures_at(self, model: Model[Problem]) -> tuple[SignatureBank, Products]:
@@ -367,6 +411,9 @@ class BarSearch(Search[Problem]):
             self.progress("computing signatures", 0, 1)
             bank = SignatureBank(self.plain, model.fit)
             bank.compute(self.seeds)
+            self._signatures = known = bank, Products(self.discrepancy, bank.matrix)
+        elif known[0].problem.local is not self.plain.local:
+            bank = known[0].on(self.plain)
             self._signatures = known = bank, Products(self.discrepancy, bank.matrix)
         return known
 
@@ -429,6 +476,7 @@ class BarSearch(Search[Problem]):
             expected: What a machine of the class has, by key.
         """
         model = self._settled(self._model_of(self.fitter.fit(list(effects), exact=False, iterations=FIRST), expected))
+        model = self._renoised(model)
         return replace(model, fit=self.whitened_by(model, model.problem))
 
     def log_odds(self, model: Model[Problem], effect_id: str) -> float:

@@ -286,10 +286,13 @@ class LinearModel:
         choices = [best, replace(best, slow=0.0), replace(best, fast=0.0), replace(best, slow=0.0, fast=0.0)]
         return max(choices, key=self.log_evidence)
 
+    def rest(self, sizes: Sizes) -> np.ndarray:
+        """What the model leaves at its best values, discrepancy included, (count,)."""
+        return self.residual - self.products.times(self._solved(sizes)[1])
+
     def _noise_factors(self, sizes: Sizes) -> np.ndarray:
         """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""
-        _, step = self._solved(sizes)
-        rest = self.residual - self.products.times(step)
+        rest = self.rest(sizes)
         out = np.ones(len(self._live))
         for k, (basis, at) in enumerate(self.discrepancy.tests):
             across = rest[at] @ rest[at] - np.square(basis.T @ rest[at]).sum()

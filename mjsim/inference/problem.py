@@ -18,6 +18,7 @@ from mjsim.effects import registry
 from mjsim.inference.data_sheet import LINEAR, calibrated, data_sheet, sheet_of
 from mjsim.inference.design import Design
 from mjsim.inference.effect_vector import EffectVector
+from mjsim.inference.local_noise import LocalNoise, LouderPlace, Tiles
 from mjsim.inference.noise import Noise, noises_of
 from mjsim.inference.nuisance import TRIGGER, Nuisances, set_up_columns
 from mjsim.inference.samples import GRID, GRID_STEPS, Samples, make_samples
@@ -137,6 +138,7 @@ class Problem:
         settings: What decides in a diagnosis.
         changes: What single effects change in the readings, as far as it was computed.
         whitening: What the errors are beyond the campaign's noise; ``None`` where there is nothing.
+        local: Noise of the tests that are louder than the campaign at some places, by the place of the test.
     """
 
     campaign: Campaign
@@ -151,6 +153,7 @@ class Problem:
     settings: DiagnosisSettings
     changes: KeptChanges = field(default_factory=KeptChanges)
     whitening: Whitening | None = None
+    local: Mapping[int, LocalNoise] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -197,7 +200,7 @@ class Problem:
     ) -> Problem:
         """The problem with other samples of its tests; the noise model stays."""
         nuisances = Nuisances.of_tests(tests, self.settings.trigger_limit)
-        return replace(self, samples=tuple(samples), tests=tests, nuisances=nuisances, outliers=outliers)
+        return replace(self, samples=tuple(samples), tests=tests, nuisances=nuisances, outliers=outliers, local={})
 
     def only(self, places: Sequence[int]) -> Problem:
         """The problem with some of its tests; the noise model stays."""
@@ -394,10 +397,11 @@ class Problem:
     @cached_property
     def filters(self) -> list[csr_array]:
         """What the noise model does to the blocks of each test, as sparse matrices."""
-        return [
+        out = [
             self.noise_of(k).filter(kept, len(s.centre))
             for k, (kept, s) in enumerate(zip(self._kept, self.samples, strict=True))
         ]
+        return [csr_array(self.local[k].matrix() @ f) if k in self.local else f for k, f in enumerate(out)]
 
     @cached_property
     def filter(self) -> csr_array:
@@ -410,6 +414,59 @@ class Problem:
         """
         return csr_array(self.filter @ columns)
 
+    def with_local_noise(self, local: Mapping[int, LocalNoise]) -> Problem:
+        """The problem with tests that are louder than the campaign at some places, whitened by the noise alone."""
+        return replace(self, local=local, whitening=None)
+
+    def local_noise(self, k: int, rest: np.ndarray, basis: np.ndarray) -> LocalNoise | None:
+        """Where test ``k`` is louder than the campaign, by what a model leaves; ``None`` where it is so nowhere.
+
+        Args:
+            k: The test.
+            rest: What is left, whitened by the noise alone, (n,).
+            basis: Orthonormal directions in which more than noise may be left, (n, m).
+        """
+        tiles = Tiles.of_test(len(rest), self.samples[k].block)
+        across, known = rest - basis @ (basis.T @ rest), self.local.get(k)
+        if known is None:
+            across, basis = tiles.transformed(across), tiles.transformed(basis)
+        else:
+            across = across * known.level
+        return LocalNoise.of_residual(tiles, across, 1.0 - np.square(basis).sum(axis=1))
+
+    @property
+    def local_rms(self) -> float:
+        """RMS by which places of the tests are louder than the campaign, m."""
+        louder = sum(self.local[k].variance - 1.0 for k in self.local) / len(self.tests)
+        return self.noise.rms * float(np.sqrt(max(louder, 0.0)))
+
+    def louder_places(self) -> tuple[LouderPlace, ...]:
+        """Where tests are louder than the campaign, the loudest test first."""
+        out = []
+        for k, local in self.local.items():
+            row, octave, level = local.loudest
+            s, noise = self.samples[k], self.noise_of(k).rms
+            louder = noise * float(np.sqrt(max(local.variance - 1.0, 0.0)))
+            frequency = (0.5 * octave[0] / s.block, 0.5 * octave[1] / s.block)
+            time = float(s.centre[self._kept[k][row]] - s.time[0])
+            out.append(LouderPlace(self.tests[k].name, louder, time, frequency, level))
+        return tuple(sorted(out, key=lambda place: -place.rms))
+
+    def in_this_noise(self, rows: np.ndarray, other: Problem) -> np.ndarray:
+        """Rows (count, k) that the noise alone has whitened, of those that the noise of ``other`` has whitened: the
+        same samples with another local noise.
+        """
+        out = rows.copy(order="K")
+        for k, at in enumerate(self.rows):
+            before, now = other.local.get(k), self.local.get(k)
+            if before is now:
+                continue
+            if before is not None:
+                out[at] = before.undone(out[at])
+            if now is not None:
+                out[at] = now.whitened(out[at])
+        return out
+
     def whitened_by(self, whitening: Whitening) -> Problem:
         """The problem with another whitening of what its errors are beyond the campaign's noise."""
         return replace(self, whitening=whitening)
@@ -421,4 +478,5 @@ class Problem:
     def whiten_test(self, k: int, columns: np.ndarray) -> np.ndarray:
         """Whitened rows of block columns (m,) or (m, k) of one test, but for what it shares with other tests."""
         rows = self.noise_of(k).whiten(self.samples[k], columns, self._kept[k])
+        rows = self.local[k].whitened(rows) if k in self.local else rows
         return rows if self.whitening is None else self.whitening.of_test(k, rows)

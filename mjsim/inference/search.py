@@ -81,6 +81,11 @@ class Data(Protocol):
     def settings(self) -> DiagnosisSettings: ...
     @property
     def whitening(self) -> Whitening | None: ...
+    @property
+    def local_rms(self) -> float:
+        """RMS by which places of the tests are louder than the noise, SI."""
+        ...
+
     def whitened_by(self, whitening: Whitening) -> Any:
         """The same data with another whitening."""
         ...
@@ -151,7 +156,7 @@ class Model(Generic[D]):
     @property
     def left(self) -> float:
         """RMS of what it leaves besides the noise, m."""
-        return self.sizes.left(self.base.noise.rms)
+        return float(np.hypot(self.sizes.left(self.base.noise.rms), self.base.local_rms))
 
 
 @dataclass(frozen=True)
@@ -331,12 +336,22 @@ class Ascent(ABC, Generic[M]):
         """The model at better values, where steps from the present ones do not lead to them."""
         return model
 
+    def _renoised(self, model: M) -> M:
+        """The model on data that are louder where it leaves more; itself where they are not."""
+        return model
+
+    def _or_beside_local_noise(self, model: M, better: M | None) -> M | None:
+        """A better model than ``model``, the one that was found or one that is found beside local noise."""
+        return better
+
     def _searched(self, model: M, rounds: int = ROUNDS) -> M:
         """The best model that is found from one."""
         for number in range(rounds):
             self.progress("looking for what explains the rest", number, rounds)
             model = self._retimed(model)
             better = self._better(model)
+            if not number:
+                better = self._or_beside_local_noise(model, better)
             if better is None:
                 break
             model = better
@@ -351,7 +366,7 @@ class Ascent(ABC, Generic[M]):
         for p in self._proposals(model):
             if best is not None and p.promise < best.evidence - model.evidence:
                 break
-            trial = self._fitted(model, p.change)
+            trial = self._renoised(self._fitted(model, p.change))
             gain = trial.evidence - model.evidence
             self.trail.append({"hypotheses": p.names, "promise": p.promise, "gain": gain, "left": trial.left})
             if gain > (LEAST if best is None else best.evidence - model.evidence):
@@ -404,6 +419,14 @@ class Search(Ascent[Model[D]]):
         return model
 
     @property
+    def _of_noise(self) -> float:
+        """What the noise of the data adds to the log evidence of every model on them."""
+        return 0.0
+
+    def _take_noise_of(self, model: Model[D]) -> None:
+        """Go on with the noise of the data that a model was fitted to, where there is more than one."""
+
+    @property
     def _usual(self) -> Sizes:
         """Sizes to begin with: what an ordinary machine leaves."""
         return Sizes(USUAL, USUAL, np.ones(len(self.discrepancy.basis)))
@@ -418,8 +441,9 @@ class Search(Ascent[Model[D]]):
         """The data with the whitening of a model."""
         return with_curves(self.base_of(sizes, curves), curves)
 
-    def _tuned(self, model: Model[D]) -> Model[D]:
-        """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
+    def _linear_of(self, model: Model[D]) -> LinearModel:
+        """The linear model at the fit of a model."""
+        self._take_noise_of(model)
         parameters, fit = model.fit.parameters, model.fit
         design, residual = self.discrepancy.plain(fit)
         products = Products(self._discrepancy_beside(model.curves), design)
@@ -427,10 +451,13 @@ class Search(Ascent[Model[D]]):
         more = products.width - parameters.size
         precision = np.concatenate([parameters.precision(), np.ones(more)])
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
-        linear = LinearModel(products, residual, precision, departure)
-        sizes, evidence = linear.tuned(model.sizes)
+        return LinearModel(products, residual, precision, departure)
+
+    def _tuned(self, model: Model[D]) -> Model[D]:
+        """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
+        sizes, evidence = self._linear_of(model).tuned(model.sizes)
         base = self.base_of(sizes, model.curves)
-        return replace(model, base=base, sizes=sizes, evidence=evidence + model.log_odds)
+        return replace(model, base=base, sizes=sizes, evidence=evidence + self._of_noise + model.log_odds)
 
     def _settled(self, model: Model[D], steps: int = STEPS) -> Model[D]:
         """A model with the sizes of largest evidence, fitted again at them."""
@@ -441,6 +468,7 @@ class Search(Ascent[Model[D]]):
 
     def _fitted_again(self, model: Model[D], steps: int) -> Model[D]:
         """A model fitted at its sizes, with those of largest evidence then."""
+        self._take_noise_of(model)
         fitter = self.fitter.with_problem(model.problem)
         fit = fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=steps, fresh=False)
         return self._tuned(replace(model, fit=fit))
@@ -470,6 +498,7 @@ class Search(Ascent[Model[D]]):
 
     def _hypotheses(self, model: Model[D], curves: bool) -> Hypotheses:
         """Everything beside a model; ``curves`` says whether unknown causes that it does not have compete as well."""
+        self._take_noise_of(model)
         if self._last is None or self._last[0] is not model or self._last[1] != curves:
             levels = [model.sizes]
             if not model.leaves_nothing:
@@ -534,6 +563,7 @@ class Search(Ascent[Model[D]]):
 
     def _fitted(self, model: Model[D], change: tuple[Hypotheses, Chosen, int]) -> Model[D]:
         """The model with a set of hypotheses as one level has it, fitted exactly."""
+        self._take_noise_of(model)
         hypotheses, chosen, level = change
         _, linear, sizes = hypotheses.levels[level]
         effects, curves = hypotheses.model_of(chosen, linear)
@@ -547,7 +577,7 @@ class Search(Ascent[Model[D]]):
         trial = self._tuned(Model(model.expected, fit, base, sizes, tuple(curves), odds))
         noise, before = self.plain.noise.rms, sizes
         for _ in range(_SETTLING):  # fitted at other sizes than it turned out to leave
-            ratio = (trial.left + SEEN * noise) / (before.left(noise) + SEEN * noise)
+            ratio = (trial.sizes.left(noise) + SEEN * noise) / (before.left(noise) + SEEN * noise)
             if 0.7 < ratio < 1.5:
                 break
             before, trial = trial.sizes, self._fitted_again(trial, _AGAIN)

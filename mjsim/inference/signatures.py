@@ -138,6 +138,13 @@ class SignatureBank(Bank):
         self._by_drive: dict[tuple, dict[int, np.ndarray]] = {}
         super().__init__([], np.zeros((problem.count, 0)), [])
 
+    def on(self, problem: Problem) -> SignatureBank:
+        """The same on the same samples with another noise."""
+        out = SignatureBank(problem, self.fit)
+        out.candidates, out.slices = self.candidates, self.slices
+        out.matrix = problem.in_this_noise(self.matrix, self.problem)
+        return out
+
     def compute(self, candidates: list[Candidate], done: Callable[[], None] | None = None) -> None:
         """Compute and keep the whitened columns of all candidates."""
         widths = [self.width(c) for c in candidates]
@@ -180,7 +187,7 @@ class SignatureBank(Bank):
         """Everything that the matrix follows from, for the cache."""
         p, fit = self.problem, self.fit
         model = fit.base, [f.effect for f in fit.effects], fit.sheet_deviation, fit.nuisance
-        return (*model, p.tests, p.samples, p.noises, p.sensitivity, [(c.effect, c.names) for c in candidates])
+        return (*model, p.tests, p.samples, p.noises, p.local, p.sensitivity, [(c.effect, c.names) for c in candidates])
 
     def columns(self, c: Candidate) -> list[np.ndarray]:
         """Block-mean signatures per test, (m, k), m per typical size."""
