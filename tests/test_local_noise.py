@@ -143,3 +143,4 @@ def test_a_structure_that_rings_makes_its_tests_louder_where_it_rings(tmp_path, 
         white = model.fit.residual[search.plain.rows[k]]
         assert np.mean(white**2) == pytest.approx(1.0, abs=0.1)
     assert 0.05e-6 < model.base.local_rms < model.left
+    assert not model.base.with_noises(model.base.noises).local  # it is that beside one noise model, and of its rows

@@ -210,9 +210,13 @@ class Problem:
         outliers = {t.name: self.outliers[t.name] for t in tests}
         return part.with_samples([self.samples[k] for k in places], tests, outliers)
 
+    def with_noises(self, noises: Mapping[str, Noise]) -> Problem:
+        """The problem with other noise models, by name of the instrument; no place is louder than these yet."""
+        return replace(self, noises=noises, local={})
+
     def with_noise_of_samples(self) -> Problem:
         """The problem with the noise estimated again, from its samples."""
-        return replace(self, noises=noises_of(self.samples, self.campaign.instruments))
+        return self.with_noises(noises_of(self.samples, self.campaign.instruments))
 
     def without(self, parts: Sequence[np.ndarray]) -> Problem:
         """The problem with parts of the readings that are understood left out of the data.

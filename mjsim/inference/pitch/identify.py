@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from mjsim.campaign.model import Campaign
@@ -112,7 +110,7 @@ def _searched(
     if not any(kind_of(t).repeats(t) for t in problem.tests):
         noise = residual_noise(search.plain, model.fit)
         if noise is not None:
-            search = search_on(replace(search.plain, noises=dict.fromkeys(problem.noises, noise)))
+            search = search_on(search.plain.with_noises(dict.fromkeys(problem.noises, noise)))
             model = search.best_from(model.fit.effects)
     if len(own) < len(problem.tests):
         of_all = search_on(problem)
