@@ -170,6 +170,11 @@ class Diagnosis:
     louder: tuple[LouderPlace, ...] = ()
 
     @property
+    def louder_summary(self) -> str:
+        """Which tests are louder than the instrument, and where; empty where none is."""
+        return louder_sentence([place.to_json() for place in self.louder])
+
+    @property
     def has_bars(self) -> bool:
         """Whether ball-bar tests were measured, or other readings along a motion."""
         return INSTRUMENTS[self.before.instrument].in_motion

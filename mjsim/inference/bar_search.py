@@ -375,9 +375,9 @@ class BarSearch(Search[Problem]):
         """The model on tests that are louder where it leaves more; itself where that gains no evidence."""
         if model.leaves_nothing:
             return model
-        linear = self._linear_of(model)
-        rest, tests = linear.rest(model.sizes), linear.discrepancy.tests
-        found = {k: self.plain.local_noise(k, rest[at], basis) for k, (basis, at) in enumerate(tests)}
+        self._take_noise_of(model)
+        tests = self._discrepancy_beside(model.curves).tests
+        found = {k: self.plain.local_noise(k, model.rest[at], basis) for k, (basis, at) in enumerate(tests)}
         local = {k: noise for k, noise in found.items() if noise is not None}
         if not local and not self.plain.local:
             return model

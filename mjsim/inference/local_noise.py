@@ -13,7 +13,6 @@ nothing is transformed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -96,18 +95,11 @@ class Tiles:
             out[at] = i * _OCTAVES + octave
         return out
 
-    def transformed(self, rows: np.ndarray) -> np.ndarray:
-        """Rows (count,) or (count, k) with each stretch transformed into cosines; lengths stay."""
-        out = np.empty_like(rows)
+    def transformed(self, rows: np.ndarray, back: bool = False) -> np.ndarray:
+        """Rows (count,) or (count, k) with each stretch transformed into cosines, or ``back``; lengths stay."""
+        out, transform = np.empty_like(rows), idct if back else dct
         for at in self.stretches:
-            out[at] = dct(rows[at], axis=0, norm="ortho")
-        return out
-
-    def back(self, rows: np.ndarray) -> np.ndarray:
-        """The rows from which :meth:`transformed` makes ``rows``."""
-        out = np.empty_like(rows)
-        for at in self.stretches:
-            out[at] = idct(rows[at], axis=0, norm="ortho")
+            out[at] = transform(rows[at], axis=0, norm="ortho")
         return out
 
     def sums(self, of_rows: np.ndarray) -> np.ndarray:
@@ -186,12 +178,11 @@ class LocalNoise:
 
     def undone(self, rows: np.ndarray) -> np.ndarray:
         """The rows from which :meth:`whitened` makes ``rows``."""
-        return self.tiles.back((rows.T * self.level).T)
-
-    def _blocks(self) -> Iterator[np.ndarray]:
-        for at in self.tiles.stretches:
-            yield dct(np.eye(at.stop - at.start), axis=0, norm="ortho") / self.level[at, None]
+        return self.tiles.transformed((rows.T * self.level).T, back=True)
 
     def matrix(self) -> csr_array:
         """What :meth:`whitened` does as a sparse matrix, (count, count)."""
-        return csr_array(block_diag([*self._blocks()], format="csr"))
+        blocks = [
+            dct(np.eye(at.stop - at.start), axis=0, norm="ortho") / self.level[at, None] for at in self.tiles.stretches
+        ]
+        return csr_array(block_diag(blocks, format="csr"))

@@ -463,12 +463,12 @@ class Problem:
         out = rows.copy(order="K")
         for k, at in enumerate(self.rows):
             before, now = other.local.get(k), self.local.get(k)
-            if before is now:
-                continue
-            if before is not None:
-                out[at] = before.undone(out[at])
-            if now is not None:
-                out[at] = now.whitened(out[at])
+            if before is not None and now is not None:
+                out[at] *= (before.level / now.level)[:, None]
+            elif before is not None:
+                out[at] = before.undone(rows[at])
+            elif now is not None:
+                out[at] = now.whitened(rows[at])
         return out
 
     def whitened_by(self, whitening: Whitening) -> Problem:

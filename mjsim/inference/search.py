@@ -133,6 +133,7 @@ class Model(Generic[D]):
         curves: Of unknown causes.
         log_odds: Prior odds of all its hypotheses, logarithm.
         evidence: Log evidence, prior odds included.
+        rest: What it leaves at its best values, discrepancy included, whitened by the noise alone, (count,).
     """
 
     expected: dict[str, Calibrated]
@@ -142,6 +143,7 @@ class Model(Generic[D]):
     curves: tuple[Curve, ...] = ()
     log_odds: float = 0.0
     evidence: float = -np.inf
+    rest: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def problem(self) -> D:
@@ -441,8 +443,8 @@ class Search(Ascent[Model[D]]):
         """The data with the whitening of a model."""
         return with_curves(self.base_of(sizes, curves), curves)
 
-    def _linear_of(self, model: Model[D]) -> LinearModel:
-        """The linear model at the fit of a model."""
+    def _tuned(self, model: Model[D]) -> Model[D]:
+        """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
         self._take_noise_of(model)
         parameters, fit = model.fit.parameters, model.fit
         design, residual = self.discrepancy.plain(fit)
@@ -451,13 +453,11 @@ class Search(Ascent[Model[D]]):
         more = products.width - parameters.size
         precision = np.concatenate([parameters.precision(), np.ones(more)])
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
-        return LinearModel(products, residual, precision, departure)
-
-    def _tuned(self, model: Model[D]) -> Model[D]:
-        """A model with the sizes of largest evidence, and that evidence with the prior odds; its fit stays."""
-        sizes, evidence = self._linear_of(model).tuned(model.sizes)
+        linear = LinearModel(products, residual, precision, departure)
+        sizes, evidence = linear.tuned(model.sizes)
+        evidence += self._of_noise + model.log_odds
         base = self.base_of(sizes, model.curves)
-        return replace(model, base=base, sizes=sizes, evidence=evidence + self._of_noise + model.log_odds)
+        return replace(model, base=base, sizes=sizes, evidence=evidence, rest=linear.rest(sizes))
 
     def _settled(self, model: Model[D], steps: int = STEPS) -> Model[D]:
         """A model with the sizes of largest evidence, fitted again at them."""
@@ -468,7 +468,6 @@ class Search(Ascent[Model[D]]):
 
     def _fitted_again(self, model: Model[D], steps: int) -> Model[D]:
         """A model fitted at its sizes, with those of largest evidence then."""
-        self._take_noise_of(model)
         fitter = self.fitter.with_problem(model.problem)
         fit = fitter.fit(model.fit.effects, start=model.fit, exact=True, iterations=steps, fresh=False)
         return self._tuned(replace(model, fit=fit))

@@ -13,7 +13,7 @@ import numpy as np
 
 from mjsim.campaign.machine_file import machine_document
 from mjsim.commands.ball_bar.compare import BarComparison, ComparedBarTest
-from mjsim.commands.diagnosis import Diagnosis, louder_sentence
+from mjsim.commands.diagnosis import Diagnosis
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.commands.saved import saved_of
 from mjsim.compensation.compensate import compensate
@@ -430,7 +430,9 @@ def diagnosed(
             "answer": headlines(result),
             "verdict_sentence": explained(result),
             "findings": findings(result),
-            "unexplained": " ".join(filter(None, [u.summary if u else _rest(rest), _further(result), _louder(result)])),
+            "unexplained": " ".join(
+                filter(None, [u.summary if u else _rest(rest), _further(result), result.louder_summary])
+            ),
             "curve": (*u.curve, u.labels, u.summary, u.period) if u else None,
             "not_testable": untestable(result.not_testable, problem),
             "next_test": next_test_sentence(result.next_test),
@@ -471,11 +473,6 @@ def _opened(repairs: WhatIf | None, alternatives: dict[str, tuple[str, ...]]) ->
 def _further(result: Diagnosis) -> str:
     """Curves of unknown causes that the model has beside the one that is described in full."""
     return " ".join(f"Also in the model: {c.summary[0].lower()}{c.summary[1:]}" for c in result.further)
-
-
-def _louder(result: Diagnosis) -> str:
-    """Where tests are louder than the instrument."""
-    return louder_sentence([place.to_json() for place in result.louder])
 
 
 def _rest(percent: float | None) -> str:

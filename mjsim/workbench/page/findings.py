@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from mjsim.commands.axis_log.diagnosis import LogDiagnosis
-from mjsim.commands.diagnosis import VERDICTS, Diagnosis, louder_sentence
+from mjsim.commands.diagnosis import VERDICTS, Diagnosis
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import estimate, interval
 from mjsim.inference.budget import Budget
@@ -155,7 +155,7 @@ class FindingsPanel(JobPanel):
                     ui.label(curve.summary)
         if result.louder:
             with ui.element("div").classes("card plain").mark("louder places"):
-                ui.label(louder_sentence([place.to_json() for place in result.louder]))
+                ui.label(result.louder_summary)
         self._next_test(result)
 
     def _next_test(self, result: Diagnosis) -> None:
