@@ -302,6 +302,7 @@ class BarSearch(Search[Problem]):
         return Discrepancy.of_tests(self.plain)
 
     def _discrepancy_beside(self, curves: Sequence[Curve]) -> Discrepancy:
+        curves = [c for c in curves if not c.term.mode]
         if not curves:
             return self.discrepancy
         known = self._beside_curves

@@ -56,6 +56,8 @@ VALUE = {
 TABLE = ("table x", "table y", "table z")
 #: From the table's axis to the ball.
 RADIAL = "table radial"
+#: What moves where a structure rings, and the variable of that: see :mod:`mjsim.inference.resonance`.
+STRUCTURE, SWING = "structure", "swing"
 #: What a coefficient of 1 is: 10 µrad or 1 µm.
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
 #: Variables that change little within a block. Of the others, a block mean says too little around a reversal.
@@ -81,7 +83,7 @@ class CurveTerm:
 
     Attributes:
         axis: whose motion it depends on (empty for the clock). moves: the axis that it displaces, one of
-            :data:`TABLE`, or :data:`RADIAL`.
+            :data:`TABLE`, :data:`RADIAL`, or :data:`STRUCTURE`.
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`; of a wave twice as many as there are knots.
         signed: times the direction of motion.
@@ -94,7 +96,7 @@ class CurveTerm:
     variable: str
     knots: np.ndarray
     period: float | None
-    columns: HatColumns | WaveColumns
+    columns: HatColumns | WaveColumns | SwingColumns
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -110,6 +112,11 @@ class CurveTerm:
         return self.variable == "time_since_reversal"
 
     @property
+    def mode(self) -> tuple[float, float] | tuple[()]:
+        """Frequency, Hz, and damping ratio of a mode of the structure; empty for a curve."""
+        return self.columns.mode if isinstance(self.columns, SwingColumns) else ()
+
+    @property
     def unit(self) -> float:
         """Size of a coefficient of 1, m or rad."""
         return unit_of(self.moves)
@@ -118,7 +125,7 @@ class CurveTerm:
     def axes(self) -> tuple[str, ...]:
         """The axes concerned: where it comes from, and what it moves if that is another axis."""
         own = (self.axis,) if self.axis else ()
-        return own if self.moves in (self.axis, *TABLE, RADIAL) else (*own, self.moves)
+        return own if self.moves in (self.axis, *TABLE, RADIAL, STRUCTURE) else (*own, self.moves)
 
 
 class CurveTerms:
@@ -286,7 +293,7 @@ class CurveTerms:
             weights, averages = [s[moves] * unit_of(moves) for s in self.sensitivities], None
         else:
             weights = [self._along(k, moves) * unit_of(moves) for k in range(len(self.on_grid))]
-            averages = self._averages
+            averages = self.averages
         if variable in SIGNED:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
@@ -303,7 +310,8 @@ class CurveTerms:
         return [VALUE[variable](m, i) for m in (self.motions if variable in SLOW else self.on_grid)]
 
     @cached_property
-    def _averages(self) -> Averages:
+    def averages(self) -> Averages:
+        """What makes block means of values on the GRID."""
         tests = enumerate(zip(self.problem.samples, self.on_grid, strict=True))
         return Averages([s.averages(len(m.time), self._shift(k)) for k, (s, m) in tests])
 
@@ -423,6 +431,38 @@ class WaveColumns(Sequence[np.ndarray]):
     def together(self) -> csr_array:
         """The columns of all tests, one test below the other."""
         return csr_array(hstack([self.cosine.together(), self.sine.together()]))
+
+
+@dataclass(frozen=True)
+class SwingColumns(Sequence[np.ndarray]):
+    """Columns of a mode of the structure: by every linear axis' acceleration in every direction.
+
+    Attributes:
+        of_tests: Per test, (m, k).
+        mode: Frequency, Hz, and damping ratio.
+    """
+
+    of_tests: Sequence[np.ndarray]
+    mode: tuple[float, float]
+
+    def __len__(self) -> int:
+        return len(self.of_tests)
+
+    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
+        return self.of_tests[k]
+
+    @staticmethod
+    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """What makes of coefficients near ``x`` how far it swings: nothing takes up a mean of that."""
+        return root
+
+    def sparse(self, k: int) -> np.ndarray:
+        """The columns of test ``k``, which are full."""
+        return self.of_tests[k]
+
+    def together(self) -> np.ndarray:
+        """The columns of all tests, one test below the other."""
+        return np.vstack(self.of_tests)
 
 
 def hats(x: np.ndarray, knots: np.ndarray, period: float | None, weights: np.ndarray | float = 1.0) -> csr_array:

@@ -475,7 +475,10 @@ class _BarReader(Reader[Problem]):
         if not curves:
             return UnknownCauses(fit)
         sizes = [(c, values, self._curve_beyond(c.term, values, spread)) for c, (values, spread) in self._values(fit)]
-        curve, _, (large, _) = max(sizes, key=lambda row: row[2])
+        causes = [row for row in sizes if not row[0].term.mode]
+        if not causes:
+            return UnknownCauses(fit, 0.0, None, tuple(self._further(fit, c, v, p) for c, v, (p, _) in sizes))
+        curve, _, (large, _) = max(causes, key=lambda row: row[2])
         is_finding = large >= FINDING
         rest = [row for row in sizes if row[0] is not curve or not is_finding]
         further = tuple(self._further(fit, c, values, beyond) for c, values, (beyond, _) in rest)
@@ -501,7 +504,8 @@ class _BarReader(Reader[Problem]):
             beside: The model without the curve, whitened by ``problem``.
             curve: Of the model.
         """
-        others = (c for _, c in best_curves(problem, beside, self.search.plain) if c.name != curve.name)
+        found = (c for _, c in best_curves(problem, beside, self.search.plain) if not c.term.mode)
+        others = (c for c in found if c.name != curve.name)
         rows: dict[tuple, tuple[float, CurveTerm]] = {}
         terms = CurveTerms(problem, beside)
         for c in (curve, *itertools.islice(others, _OTHERS)):
@@ -545,7 +549,7 @@ class _BarReader(Reader[Problem]):
 
     def _limit_of(self, term: CurveTerm) -> float:
         """How far a curve may displace on a machine of the class, m or rad; 0 where nothing of the kind is expected."""
-        if not self.model.expected:
+        if term.mode or not self.model.expected:
             return 0.0
         chain, kind = self.model.fit.base.chain, "backlash" if term.signed else "pitch_error"
         moves = term.moves if term.moves in chain.letters else chain.linear[0]
@@ -563,8 +567,10 @@ class _BarReader(Reader[Problem]):
         """
         term = curve.term
         rms = float(np.sqrt(np.mean(np.concatenate(unabsorbed(self.model.problem, fit, list(curve.readings))) ** 2)))
-        largest = float(np.abs(values).max()) * term.unit
-        return FurtherCurve(term.axis, term.moves, term.variable, largest, self._limit_of(term), rms, beyond)
+        # the accelerations of axes that follow each other are told apart badly: together they say how far it swings
+        swings = max(float(np.abs(r).max()) for r in curve.readings)
+        largest = swings if term.mode else float(np.abs(values).max()) * term.unit
+        return FurtherCurve(term.axis, term.moves, term.variable, largest, self._limit_of(term), rms, beyond, term.mode)
 
 
 def _with_enough_knots(terms: CurveTerms, term: CurveTerm) -> tuple[float, CurveTerm]:

@@ -412,7 +412,7 @@ class Problem:
         """The same for the blocks of all tests, one test behind the other."""
         return csr_array(block_diag(self.filters, format="csr"))
 
-    def whiten_sparse(self, columns: csr_array) -> csr_array:
+    def whiten_sparse(self, columns: csr_array | np.ndarray) -> csr_array:
         """Rows (count, k), whitened by the campaign's noise alone, of sparse block columns of all tests, one test below
         the other.
         """

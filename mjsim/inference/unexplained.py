@@ -88,6 +88,7 @@ class FurtherCurve:
         limit: What a machine of its class may have there, m or rad; 0 where it has nothing of the kind.
         rms: In the readings, m.
         probability: That it is beyond the limit.
+        mode: Frequency (Hz) and damping ratio where the structure swings; empty for a curve.
     """
 
     axis: str
@@ -97,23 +98,30 @@ class FurtherCurve:
     limit: float
     rms: float
     probability: float
+    mode: tuple[float, float] | tuple[()] = ()
 
     @property
     def summary(self) -> str:
         """One sentence."""
         factor, unit = (1.0 / DEG, "°") if is_rotary(self.moves) else (1.0 / UM, " µm")
-        what = acts_on(self.axis, self.moves, self.variable)
         size = f"up to {self.largest * factor:.2g}{unit}, {self.rms / UM:.2f} µm RMS in the readings"
+        if self.mode:
+            frequency, damping = self.mode
+            at = f"at {frequency:.1f} Hz (damping ratio {damping:.2g})"
+            return f"The structure swings {at} when axes accelerate: {size}."
+        what = acts_on(self.axis, self.moves, self.variable)
         allowed = f"; a machine of its class may have {self.limit * factor:.2g}{unit}" if self.limit else ""
         return f"Something that is not in the catalogue {what}: {size}{allowed}."
 
     def to_json(self) -> dict:
         """As in the JSON of ``mjsim diagnose``."""
         factor, unit = (1.0 / DEG, "deg") if is_rotary(self.moves) else (1.0 / UM, "um")
+        mode = {"frequency_Hz": round(self.mode[0], 2), "damping_ratio": round(self.mode[1], 4)} if self.mode else {}
         return {
             "axis": self.axis,
             "moves": self.moves,
             "variable": self.variable,
+            **mode,
             f"largest_{unit}": float(f"{self.largest * factor:.3g}"),
             f"limit_{unit}": float(f"{self.limit * factor:.3g}"),
             "rms_um": round(self.rms / UM, 4),

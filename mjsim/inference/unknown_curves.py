@@ -17,10 +17,11 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array, diags_array
 
-from mjsim.inference.curve_terms import RADIAL, CurveTerm, CurveTerms, radial_curves
+from mjsim.inference.curve_terms import RADIAL, STRUCTURE, CurveTerm, CurveTerms, radial_curves
 from mjsim.inference.fit import Fit
 from mjsim.inference.linear_evidence import Columns, LinearEvidence, margin
 from mjsim.inference.problem import Problem
+from mjsim.inference.resonance import Modes
 from mjsim.inference.whitening import Whitening
 
 #: Logarithm of the prior odds that an axis has a cause that is in no catalogue.
@@ -82,6 +83,8 @@ class Curve:
     @staticmethod
     def called(term: CurveTerm) -> str:
         """What a curve of such a term is called."""
+        if term.mode:
+            return f"{STRUCTURE} at {term.mode[0]:.3g} Hz"
         period = f" / {term.period:.3g}" if term.period else ""
         return f"curve {term.axis or 'clock'} > {term.moves} {term.variable}{period}"
 
@@ -248,6 +251,10 @@ def best_curves(
             known = linear.of(term)
             for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
+    if others or any(name.startswith(STRUCTURE) for name in own):
+        odds = _LOG_ODDS - math.log(3 * len(tried))
+        for term in Modes(terms).best(lambda t: _evidence(*linear.of(t), np.eye(len(t.knots)))):
+            compete(term, linear.of(term), "modes", np.eye(len(term.knots)), odds)
     # forms of one curve compete where they come near its best one
     near: list[tuple[float, CurveTerm, str, np.ndarray, float]] = []
     least: dict[str, float] = {}
@@ -292,7 +299,7 @@ class _BesideModel:
         the knots, once the model has taken up what it can.
         """
         hats = term.columns.together()
-        white, count = csr_array(self._filter @ hats), self.fit.design.shape[1]
+        white, count = self._filter @ hats, self.fit.design.shape[1]
         own = csr_array(white.T @ white).toarray()
         for blocks, basis in self._basis:
             along = hats[blocks].T @ basis

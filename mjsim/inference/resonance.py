@@ -1,0 +1,120 @@
+"""Structures that ring: a spindle head, a column or a table swings on its own flexibility when the axes accelerate.
+
+Every machine has such modes, and no data sheet states them. One mode is a mass on a spring whose foot is accelerated,
+
+    u'' + 2 ζ ω u' + ω² u = −a
+
+with a the acceleration of an axis. How far each linear axis' acceleration swings the spindle against the table in each
+direction is free, so both may stand anywhere: a mode is a hypothesis of nine coefficients beside its frequency and
+damping. Far below its frequency it is the sag of a structure under its own inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import cont2discrete, lfilter
+
+from mjsim.inference.curve_terms import STRUCTURE, SWING, CurveTerm, CurveTerms, SwingColumns
+from mjsim.inference.samples import GRID, GRID_STEPS
+from mjsim.machine.chain import Chain
+from mjsim.machine.kinematics import grounded, spindle_ball, table_ball, tool_side, work_side
+from mjsim.units import UM
+
+#: Frequencies that are looked at first, Hz: below, a machine would be useless; above, block means show little.
+_FREQUENCIES = np.geomspace(6.0, 40.0, 25)
+#: Damping ratio there, and between which it may be (assumed: from cast iron with few joints to damped slides).
+_DAMPING, _BOUNDS = 0.05, (0.005, 0.3)
+#: Modes that are looked at more closely: that of the tool's side and that of the table's.
+_CLOSER = 2
+
+
+def swing(acceleration: np.ndarray, frequency: float, damping: float, step: float) -> np.ndarray:
+    """Deflection of a mass on a spring whose foot is accelerated, exact for one that is straight between its samples.
+
+    Args:
+        acceleration: Of the foot, (n, k) m/s².
+        frequency: Undamped, Hz.
+        damping: Damping ratio.
+        step: Of the samples, s.
+
+    Returns:
+        Of the mass, (n, k) m. It is at rest until the acceleration rises, in the step before the first instant.
+    """
+    omega = 2.0 * np.pi * frequency
+    mass = ([-1.0], [1.0, 2.0 * damping * omega, omega**2])
+    top, bottom, *_ = cast(tuple[np.ndarray, ...], cont2discrete(mass, step, method="foh"))
+    return np.asarray(lfilter(top.ravel(), bottom.ravel(), acceleration, axis=0))
+
+
+def driving(chain: Chain, q: np.ndarray, ball: np.ndarray, step: float) -> np.ndarray:
+    """What shakes a structure, (n, k) m/s²: the acceleration of every linear axis, and of what the rotary axes carry,
+    on the side of the work and of the tool.
+
+    Args:
+        chain: The machine's axes.
+        q: Where their load sides are, (n, axes) m and rad, or with error motions behind.
+        ball: Centre of the table ball in the work frame, (3,) m.
+        step: Between the instants, s.
+    """
+    moved = [q[:, [chain.index(a) for a in chain.linear]]]
+    if work_side(chain):
+        moved.append(table_ball(chain, q, ball))
+    if tool_side(chain):
+        moved.append(spindle_ball(chain, q) - grounded(chain, q))
+    return np.pad(np.diff(np.hstack(moved), 2, axis=0) / step**2, ((1, 1), (0, 0)))
+
+
+class Modes:
+    """Makes terms of modes for one fitted model.
+
+    Args:
+        terms: Of the model.
+    """
+
+    def __init__(self, terms: CurveTerms) -> None:
+        chain, problem = terms.chain, terms.problem
+        self._along = [np.column_stack([s[a] for a in chain.linear]) for s in terms.sensitivities]
+        self._means = terms.averages.of_tests
+
+        def one(k: int) -> np.ndarray:
+            motion = problem.motions[k]
+            return driving(chain, motion.load(terms.plant, GRID_STEPS), np.array(motion.test.table_ball), GRID)
+
+        self._driving = problem.map(one)
+
+    def of(self, frequency: float, damping: float) -> CurveTerm:
+        """The term of one mode. With a coefficient of 1 it swings by 1 µm at most."""
+        moved = [swing(a, frequency, damping, GRID) for a in self._driving]
+        scale = UM / max(max(float(np.abs(u).max()) for u in moved), 1e-12)
+        rows = [
+            (np.asarray(mean @ (scale * u))[:, :, None] * along[:, None, :]).reshape(len(along), -1)
+            for mean, along, u in zip(self._means, self._along, moved, strict=True)
+        ]
+        knots = np.arange(self._driving[0].shape[1] * self._along[0].shape[1])
+        return CurveTerm("", STRUCTURE, SWING, knots, None, SwingColumns(rows, (frequency, damping)))
+
+    def best(self, evidence: Callable[[CurveTerm], float]) -> list[CurveTerm]:
+        """The modes that explain most, each at its best frequency and damping.
+
+        Args:
+            evidence: Log evidence of a term.
+        """
+        coarse = [evidence(self.of(f, _DAMPING)) for f in _FREQUENCIES]
+        peaks = [i for i, e in enumerate(coarse) if e > 0.0 and e == max(coarse[max(i - 1, 0) : i + 2])]
+        return [self._refined(i, evidence) for i in sorted(peaks, key=lambda i: -coarse[i])[:_CLOSER]]
+
+    def _refined(self, i: int, evidence: Callable[[CurveTerm], float]) -> CurveTerm:
+        """The mode near the ``i``-th frequency at its best."""
+        begin = np.log([_FREQUENCIES[i], _DAMPING])
+
+        def at(x: np.ndarray) -> CurveTerm:
+            frequency = np.clip(np.exp(x[0]), _FREQUENCIES[0], _FREQUENCIES[-1])
+            return self.of(float(frequency), float(np.clip(np.exp(x[1]), *_BOUNDS)))
+
+        simplex = begin + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, 0.7]])
+        options = {"maxfev": 24, "initial_simplex": simplex, "xatol": 0.003, "fatol": 0.5}
+        return at(minimize(lambda x: -evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
