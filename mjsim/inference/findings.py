@@ -419,7 +419,8 @@ class Reader(ABC, Generic[D]):
         for swaps in range(_SWAPS + 1):
             fit = self._fitted(self.model.fit, 3)
             sizes = self._sizes(fit)
-            rivals = self.search.rivals_of(self.model, {key for key, p in sizes.items() if p >= FINDING})
+            keys = {key for key, p in sizes.items() if p >= FINDING}
+            rivals = self.search.rivals_of(self.model, keys, until_better=swaps < _SWAPS)
             best = max((m for row in rivals.values() for _, m in row), key=lambda m: m.evidence, default=self.model)
             if best.evidence <= self.model.evidence + WORTH or swaps == _SWAPS:
                 break

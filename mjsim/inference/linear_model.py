@@ -262,7 +262,7 @@ class LinearModel:
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
         # the noise before the sizes: what is outside the basis would drive them up without end
-        sizes = self._best_sizes(replace(start, factor=self._noise_factors(start)), 0.3)
+        sizes = self._best_sizes(replace(start, factor=self._noise_factors(start)), 0.7)
         for _ in range(2):
             before, sizes = sizes, replace(sizes, factor=self._noise_factors(sizes))
             if np.abs(np.log(sizes.factor / before.factor)).max() < 0.02:

@@ -25,9 +25,10 @@ from mjsim.machine.kinematics import grounded, spindle_ball, table_ball, tool_si
 from mjsim.units import UM
 
 #: Frequencies that are looked at first, Hz: below, a machine would be useless; above, block means show little.
-_FREQUENCIES = np.geomspace(6.0, 40.0, 25)
-#: Damping ratio there, and between which it may be (assumed: from cast iron with few joints to damped slides).
-_DAMPING, _BOUNDS = 0.05, (0.005, 0.3)
+_FREQUENCIES = np.geomspace(6.0, 40.0, 16)
+#: Damping ratio there, so that a frequency covers all up to the next; and between which it may be (assumed: from cast
+#: iron with few joints to damped slides).
+_DAMPING, _BOUNDS = 0.1, (0.005, 0.3)
 #: Modes that are looked at more closely: that of the tool's side and that of the table's.
 _CLOSER = 2
 

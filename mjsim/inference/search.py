@@ -25,7 +25,7 @@ from mjsim.inference.discrepancy import USUAL, Discrepancy, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, Judged, log_odds_of, with_prior_of_size
-from mjsim.inference.linear_evidence import Chosen, without
+from mjsim.inference.linear_evidence import WORTH, Chosen, without
 from mjsim.inference.linear_model import LinearModel, Products
 from mjsim.inference.settings import DiagnosisSettings
 from mjsim.inference.signatures import Bank
@@ -582,12 +582,15 @@ class Search(Ascent[Model[D]]):
             before, trial = trial.sizes, self._fitted_again(trial, _AGAIN)
         return trial
 
-    def rivals_of(self, model: Model[D], keys: Collection[str]) -> dict[str, list[tuple[str, Model[D]]]]:
+    def rivals_of(
+        self, model: Model[D], keys: Collection[str], until_better: bool = False
+    ) -> dict[str, list[tuple[str, Model[D]]]]:
         """Models with something else in the place of single causes, fitted exactly.
 
         Args:
             model: The best model.
             keys: Of the causes.
+            until_better: Ends with the first that explains the data better: that has other rivals.
         """
         last = self._last  # unknown causes may be in it as well, and are passed over
         hypotheses = last[2] if last is not None and last[0] is model else self._hypotheses(model, curves=False)
@@ -609,4 +612,6 @@ class Search(Ascent[Model[D]]):
                     continue  # another seed has led to the same place
                 if g in rivals or (trial.fit.effects[-1].vector > trial.fit.effects[-1].neutral).all():
                     out.setdefault(mine.name, []).append((hypotheses.all[g].id, trial))
+                    if until_better and trial.evidence > model.evidence + WORTH:
+                        return out
         return out
