@@ -211,7 +211,7 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         click.echo()
         within = "In the model, and not shown to be larger than a machine of its class may have:"
         more = data["unexplained"] or any("frequency_Hz" in curve for curve in data["further_curves"])
-        common.paragraph("Also in the model:" if more else within)
+        common.paragraph("Also in the model, and still in the residual above:" if more else within)
         for curve in data["further_curves"]:
             common.paragraph(curve["summary"], "  ")
     if louder := louder_sentence(data.get("louder", ())):

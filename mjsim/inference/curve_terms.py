@@ -435,7 +435,7 @@ class WaveColumns(Sequence[np.ndarray]):
 
 @dataclass(frozen=True)
 class SwingColumns(Sequence[np.ndarray]):
-    """Columns of a mode of the structure: by every linear axis' acceleration in every direction.
+    """Columns of a mode of the structure: by the acceleration of whatever moves, in every direction.
 
     Attributes:
         of_tests: Per test, (m, k).

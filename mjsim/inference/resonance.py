@@ -4,9 +4,9 @@ Every machine has such modes, and no data sheet states them. One mode is a mass 
 
     u'' + 2 ζ ω u' + ω² u = −a
 
-with a the acceleration of an axis. How far each linear axis' acceleration swings the spindle against the table in each
-direction is free, so both may stand anywhere: a mode is a hypothesis of nine coefficients beside its frequency and
-damping. Far below its frequency it is the sag of a structure under its own inertia.
+with a the acceleration of what the axes move. How far each of these swings the spindle against the table in each
+direction is free: that are the coefficients of a mode beside its frequency and damping. Far below its frequency, or
+without a peak, it is the sag of a structure under its own inertia: that is no mode, but a curve of an acceleration.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from mjsim.units import UM
 
 #: Frequencies that are looked at first, Hz: below, a machine would be useless; above, block means show little.
 _FREQUENCIES = np.geomspace(6.0, 40.0, 16)
-#: Damping ratio there, so that a frequency covers all up to the next; and between which it may be (assumed: from cast
-#: iron with few joints to damped slides).
-_DAMPING, _BOUNDS = 0.1, (0.005, 0.3)
+#: Damping ratio there, so that a frequency covers all up to the next: also the largest that a mode may have (assumed:
+#: machine structures have 0.01 to 0.1).
+_DAMPING = 0.1
 #: Modes that are looked at more closely: that of the tool's side and that of the table's.
 _CLOSER = 2
 
@@ -105,17 +105,19 @@ class Modes:
             evidence: Log evidence of a term.
         """
         coarse = [evidence(self.of(f, _DAMPING)) for f in _FREQUENCIES]
-        peaks = [i for i, e in enumerate(coarse) if e > 0.0 and e == max(coarse[max(i - 1, 0) : i + 2])]
-        return [self._refined(i, evidence) for i in sorted(peaks, key=lambda i: -coarse[i])[:_CLOSER]]
+        inside = range(1, len(coarse) - 1)
+        peaks = [i for i in inside if coarse[i] > 0.0 and coarse[i] == max(coarse[i - 1 : i + 2])]
+        refined = [self._refined(i, evidence) for i in sorted(peaks, key=lambda i: -coarse[i])[:_CLOSER]]
+        return [term for term in refined if term.mode and term.mode[1] < _DAMPING]
 
     def _refined(self, i: int, evidence: Callable[[CurveTerm], float]) -> CurveTerm:
         """The mode near the ``i``-th frequency at its best."""
-        begin = np.log([_FREQUENCIES[i], _DAMPING])
+        begin = np.log([_FREQUENCIES[i], 0.5 * _DAMPING])
 
         def at(x: np.ndarray) -> CurveTerm:
-            frequency = np.clip(np.exp(x[0]), _FREQUENCIES[0], _FREQUENCIES[-1])
-            return self.of(float(frequency), float(np.clip(np.exp(x[1]), *_BOUNDS)))
+            frequency, damping = np.exp(x).tolist()
+            return self.of(frequency, min(damping, _DAMPING))
 
-        simplex = begin + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, 0.7]])
+        simplex = begin + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, -0.7]])
         options = {"maxfev": 24, "initial_simplex": simplex, "xatol": 0.003, "fatol": 0.5}
         return at(minimize(lambda x: -evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
