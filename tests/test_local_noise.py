@@ -1,12 +1,10 @@
 """Noise that is louder at some places of a test: found where there is some, and only there."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from independent import chain_campaigns
-from independent.chain_campaigns import ChainCase
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
@@ -121,10 +119,7 @@ def test_what_has_been_explained_away_is_no_quiet_noise():
 @pytest.mark.parametrize("rings", [True, False])
 def test_a_structure_that_rings_makes_its_tests_louder_where_it_rings(tmp_path, rings):
     """Modes of spindle head and table, which are in no catalogue, on a machine that has its small errors only."""
-    mode = {"frequency_Hz": 13.0, "damping_ratio": 0.03, "along": [0.6, 0.5, 0.6], "share": 1.0}
-    nature = tuple({"id": f"structural_mode.{end}", **mode} for end in ("tool", "table"))
-    case = ChainCase("rings", "bc_trunnion", 4, real=True, kinds=("cone_frustum",), nature=nature if rings else ())
-    chain_campaigns.write(replace(case, plan=case.usual()[:2]), tmp_path)
+    chain_campaigns.write(chain_campaigns.ringing(rings), tmp_path)
     campaign = read_campaign(tmp_path)
     machine = read_machine(campaign.machine_file)
     search = BarSearch(Fitter(Problem.of(campaign, build(machine)), machine))

@@ -424,7 +424,8 @@ class BarSearch(Search[Problem]):
             base = model.base
             beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
             own = {c.name for c in model.curves}  # they compete with other knots and priors in any case
-            found = [c for _, c in best_curves(base, beside, self.plain, own, others=curves)]
+            modes = curves or any(c.term.mode for c in model.curves)
+            found = [c for _, c in best_curves(base, beside, self.plain, own, others=curves, modes=modes)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
         if model.curves:

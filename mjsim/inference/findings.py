@@ -505,8 +505,7 @@ class _BarReader(Reader[Problem]):
             beside: The model without the curve, whitened by ``problem``.
             curve: Of the model.
         """
-        found = (c for _, c in best_curves(problem, beside, self.search.plain) if not c.term.mode)
-        others = (c for c in found if c.name != curve.name)
+        others = (c for _, c in best_curves(problem, beside, self.search.plain) if c.name != curve.name)
         rows: dict[tuple, tuple[float, CurveTerm]] = {}
         terms = CurveTerms(problem, beside)
         for c in (curve, *itertools.islice(others, _OTHERS)):

@@ -413,8 +413,8 @@ class Problem:
         return csr_array(block_diag(self.filters, format="csr"))
 
     def whiten_sparse(self, columns: csr_array | np.ndarray) -> csr_array:
-        """Rows (count, k), whitened by the campaign's noise alone, of sparse block columns of all tests, one test below
-        the other.
+        """Rows (count, k), whitened by the campaign's noise alone, of block columns of all tests, one test below the
+        other.
         """
         return csr_array(self.filter @ columns)
 

@@ -5,7 +5,7 @@ Every machine has such modes, and no data sheet states them. One mode is a mass 
     u'' + 2 ζ ω u' + ω² u = −a
 
 with a the acceleration of what the axes move. How far each of these swings the spindle against the table in each
-direction is free: that are the coefficients of a mode beside its frequency and damping. Far below its frequency, or
+direction is free: these are the coefficients of a mode beside its frequency and damping. Far below its frequency, or
 without a peak, it is the sag of a structure under its own inertia: that is no mode, but a curve of an acceleration.
 """
 

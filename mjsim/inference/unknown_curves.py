@@ -184,7 +184,7 @@ def _root(covariance: np.ndarray) -> np.ndarray:
 
 
 def best_curves(
-    problem: Problem, fit: Fit, plain: Problem, own: Collection[str] = (), others: bool = True
+    problem: Problem, fit: Fit, plain: Problem, own: Collection[str] = (), others: bool = True, modes: bool = False
 ) -> list[tuple[float, Curve]]:
     """Curves of largest evidence beside a model, the best first: log posterior odds and curve.
 
@@ -195,6 +195,7 @@ def best_curves(
         own: Names of the curves of the model: each of their priors that comes near the best competes, with the number
             of knots that suits it.
         others: Whether others compete as well, each with the prior that explains most.
+        modes: Whether modes of the structure compete.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
     out: dict[tuple[str, ...], tuple[float, CurveTerm, str, np.ndarray, float]] = {}
@@ -251,7 +252,7 @@ def best_curves(
             known = linear.of(term)
             for root in teeth_of(term, teeth):
                 compete(term, known, "teeth", root, odds)
-    if others or any(name.startswith(STRUCTURE) for name in own):
+    if modes:
         odds = _LOG_ODDS - math.log(3 * len(tried))
         for term in Modes(terms).best(lambda t: _evidence(*linear.of(t), np.eye(len(t.knots)))):
             compete(term, linear.of(term), "modes", np.eye(len(term.knots)), odds)
