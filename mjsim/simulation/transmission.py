@@ -66,6 +66,30 @@ def _increment(code, a, b, c, direction, x, clock, first, last, share):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _followed(ops, k, clock):
+    """What operation ``k`` of the table, a FOLLOW, follows at an instant ``clock``, s: a straight line between its
+    knots.
+    """
+    low, high = 0, int(ops[k, 4]) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if ops[k + 1 + middle // 3, 3 + 2 * (middle % 3)] > clock:
+            high = middle
+        else:
+            low = middle
+    row, other, place, beside = k + 1 + low // 3, k + 1 + high // 3, 2 * (low % 3), 2 * (high % 3)
+    step = ops[other, 3 + beside] - ops[row, 3 + place]
+    share = min(1.0, max(0.0, (clock - ops[row, 3 + place]) / step)) if step > 0.0 else 0.0
+    return ops[row, 4 + place] + share * (ops[other, 4 + beside] - ops[row, 4 + place])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _behind(ops, k):
+    """Where the operation behind operation ``k`` stands in the table: rows between hold what a FOLLOW follows."""
+    return k + 1 + (int(ops[k, 4]) // 3 if ops[k, 0] == FOLLOW else 0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def apply_ops(ops, memory, q, clock, first):
     """Motor-side axis positions ``q`` (axes,) to load-side ones, in place.
 
@@ -84,37 +108,44 @@ def apply_ops(ops, memory, q, clock, first):
     while k < n:
         stage, end = ops[k, STAGE], k
         while end < n and ops[end, STAGE] == stage:
-            at, knots = clock, 0
-            if ops[end, 0] == FOLLOW:
-                knots = int(ops[end, 4])
-                low, high = 0, knots - 1
-                while high - low > 1:
-                    middle = (low + high) // 2
-                    if ops[end + 1 + middle // 3, 3 + 2 * (middle % 3)] > clock:
-                        high = middle
-                    else:
-                        low = middle
-                row, other, place, beside = end + 1 + low // 3, end + 1 + high // 3, 2 * (low % 3), 2 * (high % 3)
-                step = ops[other, 3 + beside] - ops[row, 3 + place]
-                share = min(1.0, max(0.0, (clock - ops[row, 3 + place]) / step)) if step > 0.0 else 0.0
-                at = ops[row, 4 + place] + share * (ops[other, 4 + beside] - ops[row, 4 + place])
+            at = _followed(ops, end, clock) if ops[end, 0] == FOLLOW else clock
             memory[end, 2], memory[end, 0], memory[end, 1] = _increment(
                 int(ops[end, 0]), ops[end, 3], ops[end, 4], ops[end, 5], ops[end, 6],
                 q[int(ops[end, 2])], at, first, memory[end, 0], memory[end, 1],
             )  # fmt: skip
-            end += 1 + knots // 3  # behind it are the rows that hold its knots
+            end = _behind(ops, end)
         while k < end:
             q[int(ops[k, 1])] += memory[k, 2]
-            k += 1 + (int(ops[k, 4]) // 3 if ops[k, 0] == FOLLOW else 0)
+            k = _behind(ops, k)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add(ops, k, source, clock, out):
+    """Add to ``out`` (n,) what operation ``k`` of the table does along a whole motion of its ``source`` (n,)."""
+    code, a, b, c, direction = int(ops[k, 0]), ops[k, 3], ops[k, 4], ops[k, 5], ops[k, 6]
+    last, share = 0.0, 0.0
+    for i in range(len(source)):
+        at = _followed(ops, k, clock[i]) if code == FOLLOW else clock[i]
+        added, last, share = _increment(code, a, b, c, direction, source[i], at, i == 0, last, share)
+        out[i] += added
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def transmit(ops, motor, clock):
-    """Load-side positions (n, axes) of a whole motion ``motor`` (n, axes) at campaign times ``clock`` (n,)."""
-    load = motor.copy()
-    memory = np.zeros((ops.shape[0], MEMORY))
-    for i in range(len(motor)):
-        apply_ops(ops, memory, load[i], clock[i], i == 0)
+    """Load-side positions (n, axes) of a whole motion ``motor`` (n, axes) at campaign times ``clock`` (n,): as
+    :func:`apply_ops`, one operation after the other.
+    """
+    load, n = motor.copy(), ops.shape[0]
+    added = np.zeros((n, len(motor)))
+    k = 0
+    while k < n:
+        stage, end = ops[k, STAGE], k
+        while end < n and ops[end, STAGE] == stage:
+            _add(ops, end, load[:, int(ops[end, 2])], clock, added[end])
+            end = _behind(ops, end)
+        while k < end:
+            load[:, int(ops[k, 1])] += added[k]
+            k = _behind(ops, k)
     return load
 
 
@@ -128,23 +159,11 @@ def reading_change(ops, load, clock, weight):
         clock: (n,) s on the campaign clock.
         weight: (n, axes) derivatives of the reading by the axes.
     """
-    out = np.empty(len(load))
+    out = np.zeros(len(load))
     if ops.shape[0] == 1:  # most signatures are those of a single operation
-        code, moved, source = int(ops[0, 0]), int(ops[0, 1]), int(ops[0, 2])
-        a, b, c, direction = ops[0, 3], ops[0, 4], ops[0, 5], ops[0, 6]
-        last, share = 0.0, 0.0
-        for i in range(len(load)):
-            x = load[i, source]
-            added, last, share = _increment(code, a, b, c, direction, x, clock[i], i == 0, last, share)
-            out[i] = weight[i, moved] * added
-        return out
-    row, memory = np.empty(load.shape[1]), np.zeros((ops.shape[0], MEMORY))
-    for i in range(len(load)):
-        for j in range(len(row)):
-            row[j] = load[i, j]
-        apply_ops(ops, memory, row, clock[i], i == 0)
-        total = 0.0
-        for j in range(weight.shape[1]):
-            total += weight[i, j] * (row[j] - load[i, j])
-        out[i] = total
+        _add(ops, 0, load[:, int(ops[0, 2])], clock, out)
+        return out * weight[:, int(ops[0, 1])]
+    moved = transmit(ops, load, clock)
+    for j in range(weight.shape[1]):
+        out += weight[:, j] * (moved[:, j] - load[:, j])
     return out
