@@ -273,8 +273,8 @@ class BarSearch(Search[Problem]):
 
     def _with_few(self, usual: Model[Problem]) -> Model[Problem]:
         """The best model of a machine that is as its file says but for a few causes, found from one with everything
-        that is usual: what the data do not need of it goes. The same where that promises nothing, or it has no more
-        already.
+        that is usual: what the data do not need of it goes. The same where that promises nothing, where a fit does not
+        keep the promise, or where it has no more already.
         """
         if not usual.expected:
             return usual
@@ -284,7 +284,8 @@ class BarSearch(Search[Problem]):
         chosen = linear.best_set(hypotheses.present)
         if none + linear.total(chosen) < usual.evidence - NEAR:
             return usual
-        return self._searched(self._fitted(model, (hypotheses, chosen, 0)))
+        few = self._fitted(model, (hypotheses, chosen, 0))
+        return self._searched(few) if few.evidence > usual.evidence - NEAR else usual
 
     def _found(self, model: Model[Problem]) -> Found[Problem]:
         """The outcome, on tests with the samples that the model follows, and the machine as given beside it. A model
