@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -198,14 +198,7 @@ def best_curves(
         modes: Whether modes of the structure compete.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
-    out: dict[tuple[str, ...], tuple[float, CurveTerm, str, np.ndarray, float]] = {}
-
-    def compete(term: CurveTerm, known: tuple[np.ndarray, np.ndarray], prior: str, root: np.ndarray, odds: float):
-        """Keep a curve where it is the best of its name, or of its name and prior."""
-        evidence, name = _evidence(*known, root) + odds, Curve.called(term)
-        key = (name, prior) if name in own else (name,)
-        if evidence > out.get(key, (0.0,))[0]:
-            out[key] = evidence, term, prior, root, odds
+    contest = _Contest(linear, own)
 
     def competes(term: CurveTerm) -> bool:
         """Whether a curve is one of those that are looked at."""
@@ -233,38 +226,71 @@ def best_curves(
             sharp = (_evidence(*linear.of(t), steps_of(t)) for t in finer[-1:])
             ranked.append((max([evidence, *sharp]), is_own, coarse, finer))
     ranked.sort(key=lambda row: -row[0])
+    odds = {axis: _LOG_ODDS - math.log(3 * number) for axis, number in tried.items()}
     for place, (_, is_own, coarse, finer) in enumerate(ranked):
         if place >= _MOST and not is_own:
             continue
-        odds = _LOG_ODDS - math.log(3 * tried[coarse.axis])
         for term in (coarse, *(finer if is_own or place < _REFINED else [])):
-            known = linear.of(term)
-            for prior, root in (*priors_of(term), ("steps", steps_of(term))):
-                compete(term, known, prior, root, odds)
-            for lobes in _LOBES if term.moves == RADIAL else ():
-                compete(term, known, "lobes", lobes_of(term, lobes), odds - math.log(len(_LOBES)))
+            contest.enter(term, [*priors_of(term), ("steps", steps_of(term))], odds[term.axis])
+            if term.moves == RADIAL:
+                lobes = [("lobes", lobes_of(term, n)) for n in _LOBES]
+                contest.enter(term, lobes, odds[term.axis] - math.log(len(lobes)))
     for axis in (a for a in plain.chain.rotary if a in tried):
-        odds = _LOG_ODDS - math.log(3 * tried[axis])
         teeth = fit.base.drives[axis].gear
-        for term in terms.waves(axis, teeth):
-            if not competes(term):
-                continue
-            known = linear.of(term)
-            for root in teeth_of(term, teeth):
-                compete(term, known, "teeth", root, odds)
+        for term in filter(competes, terms.waves(axis, teeth)):
+            contest.enter(term, [("teeth", root) for root in teeth_of(term, teeth)], odds[axis])
     if modes:
-        odds = _LOG_ODDS - math.log(3 * len(tried))
         for term in Modes(terms).best(lambda t: _evidence(*linear.of(t), np.eye(len(t.knots)))):
-            compete(term, linear.of(term), "modes", np.eye(len(term.knots)), odds)
-    # forms of one curve compete where they come near its best one
-    near: list[tuple[float, CurveTerm, str, np.ndarray, float]] = []
-    least: dict[str, float] = {}
-    for row in sorted(out.values(), key=lambda row: -row[0]):
-        if row[0] >= least.setdefault(Curve.called(row[1]), row[0] - margin(row[0])):
-            near.append(row)
-    distinct = {id(term): term for _, term, *_ in near}  # several priors of one curve share its rows
+            contest.enter(term, [("modes", np.eye(len(term.knots)))], _LOG_ODDS - math.log(3 * len(tried)))
+    near = contest.near_the_best()
+    distinct = {id(r.term): r.term for r in near}  # several priors of one curve share its rows
     rows = {key: plain.whiten_sparse(term.columns.together()) for key, term in distinct.items()}
-    return [(found, Curve(term, prior, root, rows[id(term)], odds)) for found, term, prior, root, odds in near]
+    return [(r.evidence, Curve(r.term, r.prior, r.root, rows[id(r.term)], r.log_odds)) for r in near]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A curve with one prior; as of :class:`Curve`.
+
+    Attributes:
+        evidence: Log posterior odds beside the model.
+    """
+
+    evidence: float
+    term: CurveTerm
+    prior: str
+    root: np.ndarray
+    log_odds: float
+
+
+class _Contest:
+    """Curves that compete beside a model: the best of each name, and of the model's own the best of each prior.
+
+    Args:
+        linear: Beside the model.
+        own: Names of the curves of the model.
+    """
+
+    def __init__(self, linear: _BesideModel, own: Collection[str]) -> None:
+        self._linear, self._own = linear, own
+        self._best: dict[tuple[str, ...], _Entry] = {}
+
+    def enter(self, term: CurveTerm, priors: Iterable[tuple[str, np.ndarray]], log_odds: float) -> None:
+        """Let a curve compete with priors, by name and root, (knots, k), each with such prior odds."""
+        known, name = self._linear.of(term), Curve.called(term)
+        for prior, root in priors:
+            entry = _Entry(_evidence(*known, root) + log_odds, term, prior, root, log_odds)
+            key = (name, prior) if name in self._own else (name,)
+            if entry.evidence > (self._best[key].evidence if key in self._best else 0.0):
+                self._best[key] = entry
+
+    def near_the_best(self) -> list[_Entry]:
+        """What competes, the best first: forms of one curve where they come near its best one."""
+        out, least = [], {}
+        for entry in sorted(self._best.values(), key=lambda e: -e.evidence):
+            if entry.evidence >= least.setdefault(Curve.called(entry.term), entry.evidence - margin(entry.evidence)):
+                out.append(entry)
+        return out
 
 
 class _BesideModel:
