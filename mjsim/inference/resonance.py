@@ -79,7 +79,7 @@ class Modes:
     def __init__(self, terms: CurveTerms) -> None:
         chain, problem = terms.chain, terms.problem
         self._along = [np.column_stack([s[a] for a in chain.linear]) for s in terms.sensitivities]
-        self._means = terms.averages.of_tests
+        self._means, self._workers = terms.averages.of_tests, problem.workers
 
         def one(k: int) -> np.ndarray:
             motion = problem.motions[k]
@@ -104,10 +104,11 @@ class Modes:
         Args:
             evidence: Log evidence of a term.
         """
-        coarse = [evidence(self.of(f, _DAMPING)) for f in _FREQUENCIES]
+        coarse = self._workers.map(lambda f: evidence(self.of(f, _DAMPING)), _FREQUENCIES)
         inside = range(1, len(coarse) - 1)
         peaks = [i for i in inside if coarse[i] > 0.0 and coarse[i] == max(coarse[i - 1 : i + 2])]
-        refined = [self._refined(i, evidence) for i in sorted(peaks, key=lambda i: -coarse[i])[:_CLOSER]]
+        best = sorted(peaks, key=lambda i: -coarse[i])[:_CLOSER]
+        refined = self._workers.map(lambda i: self._refined(i, evidence), best)
         return [term for term in refined if term.mode and term.mode[1] < _DAMPING]
 
     def _refined(self, i: int, evidence: Callable[[CurveTerm], float]) -> CurveTerm:

@@ -140,6 +140,14 @@ def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
         yield "rough", _settled(term, _root(np.exp(-apart / _LENGTH)))
 
 
+def _any_prior_of(term: CurveTerm) -> np.ndarray:
+    """Root of the mean of a curve's priors, (knots, k)."""
+    both = np.hstack([root for _, root in priors_of(term)])
+    values, vectors = np.linalg.eigh(0.5 * both @ both.T)
+    kept = values > 10.0 * _SMALL * values[-1]
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
 def _settled(term: CurveTerm, root: np.ndarray) -> np.ndarray:
     """The root of a prior of a curve, which ends at zero where it settles."""
     return root - root[-1] if term.settles else root
@@ -204,19 +212,16 @@ def best_curves(
         """Whether a curve is one of those that are looked at."""
         return others or Curve.called(term) in own
 
-    rough: list[tuple[float, CurveTerm]] = []
+    looked_at: list[CurveTerm] = []
     tried: dict[str, int] = {}
     for term in itertools.chain(terms.own(), terms.clock(False), terms.across(), radial_curves(terms)):
         if term.variable == "time_since_reversal" and term.moves != term.axis:
             continue  # in one swing it is nearly the direction of motion
         tried[term.axis] = tried.get(term.axis, 0) + 1
-        if not competes(term):
-            continue
-        both = np.hstack([root for _, root in priors_of(term)])
-        values, vectors = np.linalg.eigh(0.5 * both @ both.T)
-        kept = values > 10.0 * _SMALL * values[-1]
-        rough.append((_evidence(*linear.of(term), vectors[:, kept] * np.sqrt(values[kept])), term))
-    rough.sort(key=lambda row: -row[0])
+        if competes(term):
+            looked_at.append(term)
+    promise = plain.workers.map(lambda t: _evidence(*linear.of(t), _any_prior_of(t)), looked_at)
+    rough = sorted(zip(promise, looked_at, strict=True), key=lambda row: -row[0])
     ranked = []
     for place, (evidence, coarse) in enumerate(rough):
         is_own = Curve.called(coarse) in own
