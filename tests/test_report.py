@@ -481,7 +481,7 @@ NEXT = {
         ),
         (
             "nothing_found", [], None, ["No effect is missing from the machine's model."],
-            "The model explains the measurement down to the noise and the data sheet's tolerances.",
+            "The measurement shows no error larger than the data sheet and the machine's class allow.",
         ),
     ],
 )  # fmt: skip

@@ -38,8 +38,8 @@ VERDICTS = {
     "identified": "Identified: the effects below are missing, and nothing else explains the data as well.",
     "ambiguous": "Ambiguous: some effects below cannot be told from others by these tests.",
     "unknown": "Unknown: something repeatable is left that no effect of the catalogue explains.",
-    "nothing_found": "Nothing found: the model explains the measurement down to the noise and the data sheet's "
-    "tolerances.",
+    "nothing_found": "Nothing found: the measurement shows no error larger than the data sheet and the machine's class "
+    "allow.",
 }
 
 

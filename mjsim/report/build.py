@@ -191,7 +191,7 @@ def explained(result: Diagnosis) -> str:
         return f"No other effect of the catalogue explains the measurement as well.{also}"
     if result.verdict == "unknown":
         return "The error repeats. No effect of the catalogue explains it."
-    return "The model explains the measurement down to the noise and the data sheet's tolerances."
+    return "The measurement shows no error larger than the data sheet and the machine's class allow."
 
 
 def _next(following: dict | None) -> str:
