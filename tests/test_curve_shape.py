@@ -192,7 +192,7 @@ def test_a_wave_of_teeth_is_followed_between_the_knots():
     assert len(columns) == 1 and columns[0].shape == (4000, 2 * len(knots))
     sizes = np.repeat([0.6, -0.8], len(knots))  # cos 67q and sin 67q with one size everywhere
     wave = reach * (0.6 * np.cos(teeth * places) - 0.8 * np.sin(teeth * places))
-    assert np.allclose(columns.sparse(0) @ sizes, wave, rtol=0.0, atol=1e-12)
+    assert np.allclose(columns.of_test(0) @ sizes, wave, rtol=0.0, atol=1e-12)
     values = HatColumns([places], [reach], knots, TURN)[0]
     left = wave - values @ np.linalg.lstsq(values, wave, rcond=None)[0]
     assert np.std(left) > 0.05 * np.std(wave)

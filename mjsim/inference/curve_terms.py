@@ -8,6 +8,7 @@ the angle of the ball about the axis adds.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -96,7 +97,7 @@ class CurveTerm:
     variable: str
     knots: np.ndarray
     period: float | None
-    columns: HatColumns | WaveColumns | SwingColumns
+    columns: Columns
     gain: float = 0.0
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -350,9 +351,35 @@ def _next(x: np.ndarray) -> np.ndarray:
     return np.vstack([x[1:], x[-1:]])
 
 
+class Columns(Sequence[np.ndarray], ABC):
+    """Columns of a term, those of each test made when they are asked for, (m, k): all would fill hundreds of MB."""
+
+    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
+        rows = self.of_test(k)
+        return rows if isinstance(rows, np.ndarray) else rows.toarray()
+
+    @abstractmethod
+    def of_test(self, k: int) -> csr_array | np.ndarray:
+        """The columns of test ``k``, sparse where most of them are zero."""
+
+    @abstractmethod
+    def together(self) -> csr_array | np.ndarray:
+        """The columns of all tests, one test below the other."""
+
+    @staticmethod
+    @abstractmethod
+    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """What makes of coefficients how far the term displaces at each knot over the mean of that, (knots, n).
+
+        Args:
+            root: What makes the values at the knots of them, (knots, n).
+            x: Coefficients near which it is asked for, (n,).
+        """
+
+
 @dataclass(frozen=True)
-class HatColumns(Sequence[np.ndarray]):
-    """Columns of a free curve, each test's made when it is asked for: all of a fine curve would fill hundreds of MB.
+class HatColumns(Columns):
+    """Columns of a free curve.
 
     Attributes:
         values: of the variable, (m,) per test.
@@ -370,32 +397,21 @@ class HatColumns(Sequence[np.ndarray]):
     def __len__(self) -> int:
         return len(self.values)
 
-    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
-        return self.sparse(k).toarray()
-
     @staticmethod
     def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """What makes of coefficients near ``x`` (n,) the values of the curve over their mean, (knots, n).
-
-        Args:
-            root: What makes the values of them, (knots, n).
-            x: The coefficients.
-        """
         return root - root.mean(axis=0)
 
-    def sparse(self, k: int) -> csr_array:
-        """The columns of test ``k``: a block lies between two knots."""
+    def of_test(self, k: int) -> csr_array:  # a block lies between two knots
         rows = hats(self.values[k], self.knots, self.period, self.weights[k])
         return rows if self.averages is None else csr_array(self.averages.of_tests[k] @ rows)
 
     def together(self) -> csr_array:
-        """The columns of all tests, one test below the other."""
         rows = hats(np.concatenate(self.values), self.knots, self.period, np.concatenate(self.weights))
         return rows if self.averages is None else csr_array(self.averages.together @ rows)
 
 
 @dataclass(frozen=True)
-class WaveColumns(Sequence[np.ndarray]):
+class WaveColumns(Columns):
     """Columns of a wave whose size changes from place to place: by the factors of its cosine and of its sine. Values at
     knots would need dozens of these in each period.
 
@@ -409,32 +425,22 @@ class WaveColumns(Sequence[np.ndarray]):
     def __len__(self) -> int:
         return len(self.cosine)
 
-    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
-        return self.sparse(k).toarray()
-
     @staticmethod
     def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """What makes of coefficients near ``x`` (n,) the amplitude of the wave over its mean, (knots, n).
-
-        Args:
-            root: What makes both factors of them, (2 knots, n).
-            x: The coefficients: they say the phase.
-        """
+        """Of the wave's amplitude: ``root`` makes both factors, (2 knots, n), and ``x`` says the phase."""
         cosine, sine = (factor - factor.mean(axis=0) for factor in np.split(root, 2))
         phase = np.arctan2(sine @ x, cosine @ x)[:, None]
         return np.cos(phase) * cosine + np.sin(phase) * sine
 
-    def sparse(self, k: int) -> csr_array:
-        """The columns of test ``k``."""
-        return csr_array(hstack([self.cosine.sparse(k), self.sine.sparse(k)]))
+    def of_test(self, k: int) -> csr_array:
+        return csr_array(hstack([self.cosine.of_test(k), self.sine.of_test(k)]))
 
     def together(self) -> csr_array:
-        """The columns of all tests, one test below the other."""
         return csr_array(hstack([self.cosine.together(), self.sine.together()]))
 
 
 @dataclass(frozen=True)
-class SwingColumns(Sequence[np.ndarray]):
+class SwingColumns(Columns):
     """Columns of a mode of the structure: by the acceleration of whatever moves, in every direction.
 
     Attributes:
@@ -448,20 +454,14 @@ class SwingColumns(Sequence[np.ndarray]):
     def __len__(self) -> int:
         return len(self.of_tests)
 
-    def __getitem__(self, k: int) -> np.ndarray:  # pyright: ignore[reportIncompatibleMethodOverride]  # no slices
-        return self.of_tests[k]
-
     @staticmethod
     def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """What makes of coefficients near ``x`` how far it swings: nothing takes up a mean of that."""
-        return root
+        return root  # nothing takes up a mean of that
 
-    def sparse(self, k: int) -> np.ndarray:
-        """The columns of test ``k``, which are full."""
+    def of_test(self, k: int) -> np.ndarray:
         return self.of_tests[k]
 
     def together(self) -> np.ndarray:
-        """The columns of all tests, one test below the other."""
         return np.vstack(self.of_tests)
 
 

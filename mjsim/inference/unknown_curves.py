@@ -121,7 +121,7 @@ class Curve:
             x: Estimate of its coefficients, (k,).
         """
         values, columns = self.root @ x, self.term.columns
-        readings = tuple(columns.sparse(k) @ values for k in range(len(columns)))
+        readings = tuple(columns.of_test(k) @ values for k in range(len(columns)))
         return replace(self, width=width, largest=float(np.abs(values).max()), readings=readings)
 
 
