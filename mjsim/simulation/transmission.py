@@ -136,15 +136,11 @@ def transmit(ops, motor, clock):
     :func:`apply_ops`, one operation after the other.
     """
     load, n = motor.copy(), ops.shape[0]
-    added = np.zeros((n, len(motor)))
     k = 0
     while k < n:
-        stage, end = ops[k, STAGE], k
-        while end < n and ops[end, STAGE] == stage:
-            _add(ops, end, load[:, int(ops[end, 2])], clock, added[end])
-            end = _behind(ops, end)
-        while k < end:
-            load[:, int(ops[k, 1])] += added[k]
+        stage, before = ops[k, STAGE], load.copy()
+        while k < n and ops[k, STAGE] == stage:
+            _add(ops, k, before[:, int(ops[k, 2])], clock, load[:, int(ops[k, 1])])
             k = _behind(ops, k)
     return load
 
