@@ -103,7 +103,7 @@ def table(head: list[str], rows: list[list[str]]) -> list[str]:
 def paragraphs(text: str) -> list[str]:
     """Lines of at most 100 columns of paragraphs that a blank line parts, with one after each."""
     wrap = textwrap.TextWrapper(100, break_long_words=False, break_on_hyphens=False)
-    return [line for part in text.split("\n\n") for line in (*wrap.wrap(part), "")] if text else []
+    return [line for part in text.split("\n\n") if part for line in (*wrap.wrap(part), "")]
 
 
 def summary(scores: list[Score]) -> list[str]:
