@@ -110,6 +110,11 @@ def test_whitened_rows_have_independent_errors_of_variance_one(tests):
     rows = np.random.default_rng(2).standard_normal(len(own))
     square = rows @ np.linalg.solve(np.eye(len(own)) + own @ own.T, rows)
     assert np.square(beside.of_all(rows)).sum() == pytest.approx(square)
+    # one after the other they add as much as both at once
+    again = whitening.beside(own[:, :1])
+    again = again.beside(again.of_all(own[:, 1:]))
+    assert again.log_det == pytest.approx(beside.log_det)
+    assert np.square(again.of_all(rows)).sum() == pytest.approx(square)
 
 
 def test_near_a_jump_of_a_curve_readings_have_an_error_of_half_the_jump(tests):
@@ -137,14 +142,17 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     columns, rows = rng.standard_normal((60, 3)), rng.standard_normal(60)
     time = np.linspace(0.0, 1.0, 60)
     basis, triangle = np.linalg.qr(_harmonics(time, 0.5)[:, :5])
-    d = SimpleNamespace(basis=[basis], rows=[slice(0, 60)], tests=[(basis, slice(0, 60))])
     own = triangle @ np.diag([0.2, 0.1, 0.1, 0.1, 0.1]) @ triangle.T
-    d.covariance = lambda k, slow, fast, factor: own / factor**2
-    d.is_nothing = lambda sizes: False
+    turns = rng.standard_normal((60, 2))  # of slides
+    d = Discrepancy([basis], [own], [0.0 * own], turns=turns, reach=1.0)
     prior = np.array([1.0, 4.0, 0.25])
     linear = LinearModel(Products(d, columns), rows, prior, np.zeros(3))
-    sizes = Sizes(1.0, 0.0, np.array([1.2]))
-    covariance = 1.44 * np.eye(60) + basis @ own @ basis.T + columns @ np.diag(1.0 / prior) @ columns.T
+    sizes = Sizes(1.0, 0.0, np.array([1.2]), 0.7, 1.0)
+    left = 1.44 * np.eye(60) + basis @ own @ basis.T + 0.49 * turns @ turns.T
+    covariance = left + columns @ np.diag(1.0 / prior) @ columns.T
+    white = d.whitening(sizes).of_rows(d.rows, np.eye(60))
+    assert white.T @ white == pytest.approx(np.linalg.inv(left), abs=1e-4)
+    assert d.whitening(sizes).log_det == pytest.approx(np.linalg.slogdet(left)[1], abs=1e-3)
     expected = -0.5 * (rows @ np.linalg.solve(covariance, rows) + np.linalg.slogdet(covariance)[1])
     assert linear.log_evidence(sizes) - sizes.log_prior == pytest.approx(expected)
     further = rng.standard_normal((60, 2))

@@ -50,6 +50,7 @@ from mjsim.inference.search import (
     with_priors_of_size,
 )
 from mjsim.inference.signatures import Candidate, Offer, Row, SignatureBank, seeds, seeds_of
+from mjsim.inference.slide_angles import turns_of_slides
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.inference.unknown_curves import Curve, best_curves
 from mjsim.machine.effect import Effect
@@ -217,6 +218,7 @@ class BarSearch(Search[Problem]):
         self.only = tuple(f"{cls.kind}.{subject}" for cls, subject in only)
         some = (c for cls, subject in only for c in seeds_of(cls, subject, fitter.machine))
         self.seeds = [*some] if only else seeds(fitter.machine)
+        self._turns = turns_of_slides(fitter.problem, fitter.machine)
         super().__init__(fitter, progress)
 
     def _begin(self, fitter: DataFitter[Problem]) -> None:
@@ -245,9 +247,9 @@ class BarSearch(Search[Problem]):
             usual = self._searched(usual)
         else:  # a fault that is no small error: by itself, or beside them
             begun = self._on_present_samples(few)
-            few = self._extended(begun, ROUNDS, usual.evidence)
+            few = self._or_one_curve(self._extended(begun, ROUNDS, usual.evidence), begun)
             if few.leaves_nothing:
-                return self._found(self._searched(self._or_one_curve(few, begun)))
+                return self._found(self._searched(few))
             usual = self._searched(self._on_present_samples(usual))
             if few.evidence > usual.evidence:
                 usual = max(usual, self._searched(few), key=lambda m: m.evidence)
@@ -300,7 +302,7 @@ class BarSearch(Search[Problem]):
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
 
     def _discrepancy(self) -> Discrepancy:
-        return Discrepancy.of_tests(self.plain)
+        return Discrepancy.of_tests(self.plain, self._turns)
 
     def _discrepancy_beside(self, curves: Sequence[Curve]) -> Discrepancy:
         curves = [c for c in curves if not c.term.mode]
@@ -422,7 +424,8 @@ class BarSearch(Search[Problem]):
     def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         competing = [*model.curves]
         if curves or model.curves:
-            base = model.base
+            # as long as a curve is in no model, turns of the slides stand for a part of it
+            base = self.base_of(replace(model.sizes, turn=0.0), model.curves) if model.sizes.turn else model.base
             beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
             own = {c.name for c in model.curves}  # they compete with other knots and priors in any case
             modes = curves or any(c.term.mode for c in model.curves)

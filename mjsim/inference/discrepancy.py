@@ -1,4 +1,4 @@
-"""What repeats in every revolution and is in no model: a Gaussian process of the path angle in every test.
+"""What is in no model: a Gaussian process of the path angle in every test, and turns of the slides in all of them.
 
 No model of a machine is complete. Its slides tilt, its modes ring, single teeth stand out. What such things leave in a
 test repeats with the path and looks like no noise. A fit that takes it for noise believes its numbers far too much, and
@@ -13,6 +13,10 @@ where a model explains everything. The noise of each test is the campaign's time
 maximising the evidence with all parameters of the model marginalised (Kennedy and O'Hagan, "Bayesian calibration of
 computer models", J. R. Statist. Soc. B 63 (2001) 425-464, have the idea of such a term).
 
+Slides that turn as they travel leave the same in all tests, over other arms (:mod:`mjsim.inference.slide_angles`).
+Taken for something that each test has of its own, it would count as often as there are tests. So the turns have a size
+of their own, σ_t, with an amplitude for each shape that all tests share.
+
 A curve of an unknown cause is not known to the instant. Where it jumps (at a reversal, at a step of an encoder) the
 model has the jump in one block, and the machine a little before or after it. So where a model has such a curve, each
 block near a jump has an error of its own, of half the jump. Without it a search explains by names what these blocks
@@ -25,7 +29,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -51,6 +55,9 @@ _JUMP, _MOST_JUMPS = 0.05, 150
 _UNSEEN = 0.03
 #: Half-width of the half-Cauchy prior of both sizes, m: what an ordinary machine leaves (assumed).
 USUAL = 0.3e-6
+#: Turn of an ordinary slide, RMS over 200 mm of travel, rad: what is there of the 60 µrad over 500 mm that ISO 10791-1
+#: allows (assumed). The prior of the size is a half-normal of it: a turn that is much larger is a fault, and has a name.
+_TURN = 6e-6
 
 
 @dataclass(frozen=True)
@@ -61,27 +68,32 @@ class Sizes:
         slow: σ_s, m.
         fast: σ_r, m.
         factor: Noise of each test over the campaign's, (tests,).
+        turn: σ_t, RMS of what turns of the slides leave in the readings, m.
+        usual_turn: That of an ordinary machine in these tests, m.
     """
 
     slow: float
     fast: float
     factor: np.ndarray
+    turn: float = 0.0
+    usual_turn: float = 1.0
 
     @property
     def rms(self) -> float:
         """RMS of the discrepancy in a test, m."""
-        return math.hypot(self.slow, self.fast)
+        return math.hypot(self.slow, self.fast, self.turn)
 
     @property
     def log_prior(self) -> float:
-        """Logarithm of the prior density of the two sizes: half-Cauchy, but for a constant."""
-        return -math.log1p((self.slow / USUAL) ** 2) - math.log1p((self.fast / USUAL) ** 2)
+        """Logarithm of the prior density of the sizes: half-Cauchy, of the turns half-normal, but for a constant."""
+        own = -math.log1p((self.slow / USUAL) ** 2) - math.log1p((self.fast / USUAL) ** 2)
+        return own - 0.5 * (self.turn / self.usual_turn) ** 2
 
     def times(self, share: float) -> Sizes:
         """Sizes where ``share`` is left of the discrepancy, and of what makes tests louder than the campaign."""
         louder = np.maximum(self.factor**2 - 1.0, 0.0)
         factor = np.sqrt(self.factor**2 - louder + share**2 * louder)
-        return Sizes(share * self.slow, share * self.fast, factor)
+        return replace(self, slow=share * self.slow, fast=share * self.fast, turn=share * self.turn, factor=factor)
 
     def left(self, noise: float) -> float:
         """RMS of what a model leaves besides the noise, m.
@@ -102,6 +114,9 @@ class Discrepancy:
         slow: Per test the covariance along that basis of what changes slowly, over the square of its size, (m, m).
         fast: The same of what changes fast.
         jumps: The same of the errors where curves jump, whose size is known; empty where there are none.
+        turns: What the shapes of turns of the slides leave in all tests, whitened by the campaign's noise alone, (count,
+            shapes), together with an RMS of one in the readings; none where nothing moved.
+        reach: Readings of an RMS turn of the slides, m/rad.
     """
 
     def __init__(
@@ -110,16 +125,28 @@ class Discrepancy:
         slow: Sequence[np.ndarray],
         fast: Sequence[np.ndarray],
         jumps: Sequence[np.ndarray] = (),
+        turns: np.ndarray | None = None,
+        reach: float = 0.0,
     ) -> None:
         self.basis, self._slow, self._fast, self._jumps = tuple(basis), tuple(slow), tuple(fast), tuple(jumps)
         self.rows = [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, self.basis)]).tolist())]
+        self.turns = np.zeros((self.rows[-1].stop, 0)) if turns is None else turns
+        self.reach = reach
+
+    @property
+    def usual(self) -> Sizes:
+        """Sizes that an ordinary machine leaves."""
+        turn = _TURN * self.reach
+        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), turn, turn or 1.0)
 
     @classmethod
-    def of_tests(cls, problem: Problem) -> Discrepancy:
-        """That of ball-bar tests: harmonics of the path angle.
+    def of_tests(cls, problem: Problem, turns: Sequence[np.ndarray] = ()) -> Discrepancy:
+        """That of ball-bar tests: harmonics of the path angle, and turns of the slides.
 
         Args:
             problem: The measured tests, whitened by the campaign's noise alone.
+            turns: Readings of each test by the shapes of the slides' turns, (n, shapes) m/rad on the GRID; without them
+                the slides do not turn.
         """
         bases, slow, fast = [], [], []
         for k, s in enumerate(problem.samples):
@@ -127,7 +154,14 @@ class Discrepancy:
             bases.append(basis)
             slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
             fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
-        return cls(bases, slow, fast)
+        out = cls(bases, slow, fast)
+        if not turns:
+            return out
+        means = [np.column_stack([s.sample(c, 0.0) for c in t.T]) for s, t in zip(problem.samples, turns, strict=True)]
+        out.reach = float(np.sqrt(np.mean(np.concatenate([np.square(m).sum(axis=1) for m in means]))))
+        if out.reach > 0.0:
+            out.turns = problem.whiten([m / out.reach for m in means])
+        return out
 
     def beside_curves(self, problem: Problem, readings: Sequence[Sequence[np.ndarray]]) -> Discrepancy:
         """The same where the model has curves of unknown causes.
@@ -156,11 +190,15 @@ class Discrepancy:
             slow.append(np.pad(self._slow[k], more))
             fast.append(np.pad(self._fast[k], more))
             jumps.append(own @ own.T)
-        return Discrepancy(bases, slow, fast, jumps)
+        return Discrepancy(bases, slow, fast, jumps, self.turns, self.reach)
 
     def is_nothing(self, sizes: Sizes) -> bool:
-        """Whether there is none where it has these sizes."""
-        return sizes.rms == 0.0 and not self._jumps
+        """Whether no test has one of its own where it has these sizes."""
+        return sizes.slow == sizes.fast == 0.0 and not self._jumps
+
+    def turned_by(self, sizes: Sizes) -> bool:
+        """Whether slides turn where it has these sizes."""
+        return sizes.turn > 0.0 and self.turns.shape[1] > 0
 
     @property
     def tests(self) -> Iterator[tuple[np.ndarray, slice]]:
@@ -175,15 +213,15 @@ class Discrepancy:
     def whitening(self, sizes: Sizes) -> Whitening:
         """The whitening with a discrepancy of these sizes."""
         counts = np.array([len(b) for b in self.basis])
-        log_det = float(2.0 * (counts * np.log(sizes.factor)).sum())
-        if self.is_nothing(sizes):
-            return Whitening(sizes.factor, (), (), log_det)
-        parts = []
-        for k, basis in enumerate(self.basis):
+        log_det, parts = float(2.0 * (counts * np.log(sizes.factor)).sum()), []
+        for k, basis in enumerate(self.basis if not self.is_nothing(sizes) else ()):
             shrink, vectors, more = shrinkage(self.covariance(k, sizes.slow, sizes.fast, sizes.factor[k]))
             parts.append((basis @ vectors, shrink))
             log_det += more
-        return Whitening(sizes.factor, tuple(parts), (), log_det)
+        own = Whitening(sizes.factor, tuple(parts), (), log_det)
+        if not self.turned_by(sizes):
+            return own
+        return own.beside(sizes.turn * own.of_rows(self.rows, self.turns))
 
     def plain(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """Design and residual of a fit as rows that are whitened by the campaign's noise alone.

@@ -2,11 +2,13 @@
 
 Columns of parameters and curves are multiplied once, test by test, along the basis of the discrepancy and across it.
 For any sizes the products with the inverse covariance between follow from these, and with them the log evidence with
-all parameters marginalised. Its largest value says the sizes.
+all parameters marginalised. Turns of the slides are columns like those of parameters, which every product is free of.
+The largest evidence says the sizes.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -188,14 +190,17 @@ class LinearModel:
     ) -> None:
         self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
         self.precision, self.departure = precision, departure
+        turns = self.discrepancy.turns
+        self._all = products.extended(turns) if turns.shape[1] else products
+        self._turns = products.dense + np.arange(turns.shape[1])
         self._along, self._live, self._across = [], [], []
         factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
         totals = {key: self._nothing() for key in factors}
         for k in range(len(self.discrepancy.rows)):
-            mine = products.of_test(k, residual)
-            along = np.zeros((len(mine.along), products.dense + 1 + products.knots))
-            along[:, mine.at], along[:, products.dense + 1 :] = mine.along, mine.knots_along
-            along = products.of_curves(along)
+            mine = self._all.of_test(k, residual)
+            along = np.zeros((len(mine.along), self._all.dense + 1 + products.knots))
+            along[:, mine.at], along[:, self._all.dense + 1 :] = mine.along, mine.knots_along
+            along = self._all.of_curves(along)
             self._live.append(np.flatnonzero(along.any(axis=0)))
             self._along.append(along[:, self._live[k]])
             across = mine.across()
@@ -207,17 +212,17 @@ class LinearModel:
 
     def _nothing(self) -> np.ndarray:
         """No products yet of columns, residual and knots with each other."""
-        return np.zeros((self.products.dense + 1 + self.products.knots,) * 2)
+        return np.zeros((self._all.dense + 1 + self._all.knots,) * 2)
 
     def _of_all(self, total: np.ndarray) -> np.ndarray:
         """Products of all columns and the residual with each other, of those with the knots in the place of curves."""
-        behind = self.products.dense + 1
+        behind = self._all.dense + 1
         total[behind:, :behind] = total[:behind, behind:].T
-        return self.products.of_curves(self.products.of_curves(total).T)
+        return self._all.of_curves(self._all.of_curves(total).T)
 
     def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
-        """Products of columns and residual across the basis of the discrepancy, where there is only noise, (p + 1,
-        p + 1); kept for the next sizes with the same factors.
+        """Products of columns, turns and residual across the basis of the discrepancy, where there is only noise; kept
+        for the next sizes with the same factors.
         """
         key = factor.tobytes()
         if key not in self._summed:
@@ -227,15 +232,12 @@ class LinearModel:
             self._summed = {key: self._of_all(total)}
         return self._summed[key]
 
-    def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Products with the inverse covariance between the rows.
-
-        Returns:
-            Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
-            logarithm of the covariance's determinant over that of the campaign's noise.
+    def _weighted(self, sizes: Sizes) -> tuple[np.ndarray, float]:
+        """Products of columns, turns and residual with the inverse covariance of noise and discrepancy between, and the
+        logarithm of its determinant over that of the campaign's noise.
         """
         nothing, log_det = self.discrepancy.is_nothing(sizes), 0.0
-        rows = np.zeros((sum(map(len, self._along)), self.products.width + 1))
+        rows = np.zeros((sum(map(len, self._along)), self._all.width + 1))
         first = 0
         for k, factor in enumerate(sizes.factor):
             log_det += 2.0 * len(self.discrepancy.basis[k]) * math.log(factor)
@@ -248,8 +250,33 @@ class LinearModel:
                 along = solve_triangular(lower, along, lower=True, check_finite=False)
             rows[first : first + len(along), self._live[k]] = along / factor
             first += len(along)
-        total = self._noise_alone(sizes.factor) + rows.T @ rows
-        return total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), log_det
+        return self._noise_alone(sizes.factor) + rows.T @ rows, log_det
+
+    def normal(self, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Products with the inverse covariance between the rows.
+
+        Returns:
+            Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
+            logarithm of the covariance's determinant over that of the campaign's noise.
+        """
+        total, log_det = self._weighted(sizes)
+        total, more, _ = self._without_turns(total, sizes)
+        return total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), log_det + more
+
+    def _without_turns(self, total: np.ndarray, sizes: Sizes) -> tuple[np.ndarray, float, np.ndarray]:
+        """Products of columns and residual with what turns of the slides make of the covariance; the logarithm by which
+        its determinant grows; and the turns that follow from columns and residual, (shapes, p + 1) m.
+        """
+        mine = self._turns
+        others = np.delete(total, mine, axis=0)
+        rest = np.delete(others, mine, axis=1)
+        if not self.discrepancy.turned_by(sizes):
+            return rest, 0.0, np.zeros((len(mine), len(rest)))
+        cross = others[:, mine]
+        factor = cho_factor(total[np.ix_(mine, mine)] + np.eye(len(mine)) / sizes.turn**2, lower=True)
+        follow = cho_solve(factor, cross.T)
+        more = 2.0 * float(np.log(sizes.turn * np.diag(factor[0])).sum())
+        return rest - cross @ follow, more, follow
 
     def _solved(self, sizes: Sizes) -> tuple[float, np.ndarray]:
         """Log evidence without the prior of the sizes, and the step of the parameters, (p,)."""
@@ -275,20 +302,29 @@ class LinearModel:
         steps of ``side`` of their logarithms.
         """
 
-        def at(x: np.ndarray) -> Sizes:
-            slow, fast = np.clip(np.exp(x), _SMALLEST, _LARGEST)
-            return replace(start, slow=float(slow), fast=float(fast))
+        names = ("slow", "fast", "turn") if len(self._turns) else ("slow", "fast")
 
-        begin = np.log(np.maximum([start.slow, start.fast], 0.03e-6))
-        simplex = begin - side * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 60, "initial_simplex": simplex}
+        def at(x: np.ndarray) -> Sizes:
+            return replace(start, **dict(zip(names, np.clip(np.exp(x), _SMALLEST, _LARGEST).tolist(), strict=True)))
+
+        begin = np.log(np.maximum([getattr(start, n) for n in names], 0.03e-6))
+        simplex = begin - side * np.vstack([np.zeros(len(names)), np.eye(len(names))])
+        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 30 * len(names), "initial_simplex": simplex}
         best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
-        choices = [best, replace(best, slow=0.0), replace(best, fast=0.0), replace(best, slow=0.0, fast=0.0)]
+        kept = itertools.product((True, False), repeat=len(names))
+        choices = [replace(best, **{n: 0.0 for n, k in zip(names, row, strict=True) if not k}) for row in kept]
         return max(choices, key=self.log_evidence)
 
     def rest(self, sizes: Sizes) -> np.ndarray:
-        """What the model leaves at its best values, discrepancy included, (count,)."""
-        return self.residual - self.products.times(self._solved(sizes)[1])
+        """What the model leaves at its best values, with what repeats in each test but without turns of the slides,
+        (count,).
+        """
+        step = self._solved(sizes)[1]
+        rest = self.residual - self.products.times(step)
+        if not self.discrepancy.turned_by(sizes):
+            return rest
+        _, _, follow = self._without_turns(self._weighted(sizes)[0], sizes)
+        return rest - self.discrepancy.turns @ (follow @ np.append(-step, 1.0))
 
     def _noise_factors(self, sizes: Sizes) -> np.ndarray:
         """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from mjsim.inference.calibration import Calibrated
 from mjsim.inference.considered import move_to
-from mjsim.inference.discrepancy import USUAL, Discrepancy, Sizes
+from mjsim.inference.discrepancy import Discrepancy, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, Judged, log_odds_of, with_prior_of_size
@@ -431,7 +431,7 @@ class Search(Ascent[Model[D]]):
     @property
     def _usual(self) -> Sizes:
         """Sizes to begin with: what an ordinary machine leaves."""
-        return Sizes(USUAL, USUAL, np.ones(len(self.discrepancy.basis)))
+        return self.discrepancy.usual
 
     # -- models --------------------------------------------------------------------------------------------------------
 

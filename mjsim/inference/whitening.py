@@ -84,12 +84,18 @@ class Whitening:
         Args:
             columns: Whitened by this one, each times its prior standard deviation, (count, m).
         """
+        log_det = self.log_det
+        if self.shared:  # what is marginalised already, and the new ones, together
+            basis, shrink = self.shared
+            sizes = np.sqrt((1.0 - shrink) ** -2.0 - 1.0)
+            columns = np.hstack([basis * sizes, self.all_undone(columns)])
+            log_det += 2.0 * float(np.log1p(-shrink).sum())
         values, vectors = np.linalg.eigh(columns.T @ columns)
         seen = values > _UNSEEN
         values = values[seen]
         basis = columns @ (vectors[:, seen] / np.sqrt(values))
         shrink = 1.0 - 1.0 / np.sqrt(1.0 + values)
-        return replace(self, shared=(basis, shrink), log_det=self.log_det + float(np.log1p(values).sum()))
+        return replace(self, shared=(basis, shrink), log_det=log_det + float(np.log1p(values).sum()))
 
 
 def _along(basis: np.ndarray, factors: np.ndarray, rows: np.ndarray) -> np.ndarray:
