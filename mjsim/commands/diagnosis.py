@@ -67,6 +67,20 @@ def louder_sentence(rows: Sequence[dict]) -> str:
     )
 
 
+def turns_sentence(urad: float) -> str:
+    """By how much the slides turn; empty where the tests show none.
+
+    Args:
+        urad: ``slide_turns_urad`` of the JSON of ``mjsim diagnose``.
+    """
+    if not urad:
+        return ""
+    return (
+        f"The slides turn by about {urad:.2g} µrad (RMS over 200 mm of travel), by roll, pitch and yaw that are in no "
+        "effect of the model. Every interval counts that."
+    )
+
+
 @dataclass(frozen=True)
 class AtRest:
     """What points show that were measured while the machine stood still.
@@ -137,7 +151,8 @@ class Diagnosis:
         logs: What the axis logs show, with the numbers of the drives; ``None`` where none was recorded.
         settings: What has decided.
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
-        discrepancy: RMS in a ball-bar test of what repeats and is in no model, m.
+        discrepancy: RMS in a ball-bar test of what is in no model, m.
+        slide_turns: By how much the slides turn beside what the model has, RMS over 200 mm of travel, rad.
         at_rest: What was measured while the machine stood still, one for each instrument.
         budget: Where the uncertainty of every fitted number comes from.
         further: Curves of unknown causes that the model has beside ``unexplained``.
@@ -164,10 +179,16 @@ class Diagnosis:
     settings: DiagnosisSettings = DIAGNOSIS
     probabilities: dict[str, float] = field(default_factory=dict)
     discrepancy: float = 0.0
+    slide_turns: float = 0.0
     at_rest: tuple[AtRest, ...] = ()
     budget: tuple[Budget, ...] = ()
     further: tuple[FurtherCurve, ...] = ()
     louder: tuple[LouderPlace, ...] = ()
+
+    @property
+    def turns_summary(self) -> str:
+        """By how much the slides turn; empty where the tests show none."""
+        return turns_sentence(_r(self.slide_turns / 1e-6))
 
     @property
     def louder_summary(self) -> str:
@@ -226,6 +247,7 @@ class Diagnosis:
             "probabilities": self.probabilities,
             "noise_um": _r(self.noise / UM),
             "discrepancy_um": _r(self.discrepancy / UM),
+            "slide_turns_urad": _r(self.slide_turns / 1e-6),
             "louder": [place.to_json() for place in self.louder],
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),

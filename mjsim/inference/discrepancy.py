@@ -56,7 +56,7 @@ _UNSEEN = 0.03
 #: Half-width of the half-Cauchy prior of both sizes, m: what an ordinary machine leaves (assumed).
 USUAL = 0.3e-6
 #: Turn of an ordinary slide, RMS over 200 mm of travel, rad: what is there of the 60 µrad over 500 mm that ISO 10791-1
-#: allows (assumed). The prior of the size is a half-normal of it: a turn that is much larger is a fault, and has a name.
+#: allows (assumed). The prior is a half-normal of it: a much larger turn is a fault, and has a name.
 _TURN = 6e-6
 
 
@@ -114,8 +114,8 @@ class Discrepancy:
         slow: Per test the covariance along that basis of what changes slowly, over the square of its size, (m, m).
         fast: The same of what changes fast.
         jumps: The same of the errors where curves jump, whose size is known; empty where there are none.
-        turns: What the shapes of turns of the slides leave in all tests, whitened by the campaign's noise alone, (count,
-            shapes), together with an RMS of one in the readings; none where nothing moved.
+        turns: What the shapes of turns of the slides leave in all tests, whitened by the campaign's noise alone,
+            (count, shapes); together they have an RMS of one in the readings. None where nothing moved.
         reach: Readings of an RMS turn of the slides, m/rad.
     """
 
@@ -199,6 +199,10 @@ class Discrepancy:
     def turned_by(self, sizes: Sizes) -> bool:
         """Whether slides turn where it has these sizes."""
         return sizes.turn > 0.0 and self.turns.shape[1] > 0
+
+    def turn_of(self, sizes: Sizes) -> float:
+        """By how much the slides turn where it has these sizes, RMS over 200 mm of travel, rad."""
+        return sizes.turn / self.reach if self.turned_by(sizes) else 0.0
 
     @property
     def tests(self) -> Iterator[tuple[np.ndarray, slice]]:

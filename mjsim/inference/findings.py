@@ -34,7 +34,7 @@ from mjsim.inference.linear_evidence import WORTH
 from mjsim.inference.outcome import FoundEffect, Selection, verdict_of
 from mjsim.inference.posterior import beyond
 from mjsim.inference.problem import Problem
-from mjsim.inference.search import STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell, number_to_tell
+from mjsim.inference.search import SEEN, STEPS, TOLD, D, DataFitter, Found, Model, Search, names_to_tell, number_to_tell
 from mjsim.inference.shares import Calibration, calibrations, parts_of, unabsorbed
 from mjsim.inference.unexplained import FurtherCurve, Unexplained, describe
 from mjsim.inference.unknown_curves import Curve, best_curves
@@ -89,7 +89,9 @@ class Explained(Generic[D]):
         combinations: Sums of numbers that the tests determine.
         verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
         verdicts: Probabilities of all.
-        discrepancy: RMS of what repeats and is in no model, m.
+        discrepancy: RMS of what is in no model, m.
+        slide_turns: By how much the slides turn beside what is in the model, RMS over 200 mm of travel, rad; zero where
+            the data show none.
         budget: Where the uncertainty of every number comes from.
     """
 
@@ -103,6 +105,7 @@ class Explained(Generic[D]):
     verdict: str
     verdicts: Verdicts
     discrepancy: float
+    slide_turns: float
     budget: tuple[Budget, ...]
 
 
@@ -453,10 +456,13 @@ class Reader(ABC, Generic[D]):
         selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
         shown = keys | {c.effect.effect.key for c in entries if c.observable}
         verdict, verdicts = self._verdict(named, rows, shown, unknown)
-        sums, left = combinations(fit, settings), self.model.sizes.rms
-        ended = self.model.problem
+        sums, sizes, ended = combinations(fit, settings), self.model.sizes, self.model.problem
         told, further = unknown.told, unknown.further
-        return Explained(ended, selection, told, further, entries, shares, sums, verdict, verdicts, left, budget)
+        seen = sizes.turn > SEEN * ended.noise.rms
+        turns = self.search.discrepancy.turn_of(sizes) if seen else 0.0
+        return Explained(
+            ended, selection, told, further, entries, shares, sums, verdict, verdicts, sizes.rms, turns, budget
+        )
 
 
 class _BarReader(Reader[Problem]):

@@ -431,7 +431,10 @@ def diagnosed(
             "verdict_sentence": explained(result),
             "findings": findings(result),
             "unexplained": " ".join(
-                filter(None, [u.summary if u else _rest(rest), _further(result), result.louder_summary])
+                filter(
+                    None,
+                    [u.summary if u else _rest(rest), _further(result), result.turns_summary, result.louder_summary],
+                )
             ),
             "curve": (*u.curve, u.labels, u.summary, u.period) if u else None,
             "not_testable": untestable(result.not_testable, problem),
