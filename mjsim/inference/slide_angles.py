@@ -2,12 +2,11 @@
 
 Every real slide turns by some µrad (ISO 230-1: angular error motion). Over the arm from its functional point to the
 balls that is a displacement. It is the same in all tests that pass a place, and differs from test to test with the arm.
-So it neither repeats with the path of each test alone nor looks like an error of a rotary axis, and a model without it
-believes locations, straightness and squareness too much.
+A model without it believes locations, straightness and squareness too much, and names one where a slide turns.
 
 A shape is a polynomial of the slide's place (Legendre's, over the travel that the tests cover), and zero where the axis
-stands at zero. One step of degree is one more wave over the travel. Whether a machine has such turns, and how large
-they are, the evidence says (:mod:`mjsim.inference.discrepancy`).
+stands at zero. Whether a machine has such turns, and how large they are, the evidence says
+(:mod:`mjsim.inference.discrepancy`).
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from mjsim.inference.samples import GRID_STEPS
 from mjsim.machine.model import Machine, build
 from mjsim.simulation.bar import reading_in
 
-#: Highest degree of the polynomials (assumed: the wave of a guideway is no shorter than what the tests cover of it).
+#: Highest degree of the polynomials (assumed: a guideway has no shorter wave than the travel that the tests cover).
 _DEGREE = 3
 #: Half of the travel on which a slide turns by the unit, m: one that travels less turns less.
 _HALF = 0.1
@@ -42,15 +41,15 @@ def turns_of_slides(problem: Problem, machine: Machine) -> list[np.ndarray]:
     """
     plant, chain = build(replace(machine, effects=())), machine.chain
     axes = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(plant, GRID_STEPS)[:, : chain.count]))
-    covered = [np.array([f(q[:, chain.index(a)]) for q in axes]) for a in chain.linear for f in (np.min, np.max)]
-    ends = {a: (low.min(), high.max()) for a, low, high in zip(chain.linear, covered[::2], covered[1::2], strict=True)}
+    covered = np.vstack(axes)
 
     def one(k: int) -> np.ndarray:
         q = np.zeros((len(axes[k]), len(chain.columns)))
         q[:, : chain.count] = axes[k]
         still, out = reading_in(problem.tests[k], q, plant.geometry), []
-        for letter, (low, high) in ends.items():
-            shapes = _shapes(axes[k][:, chain.index(letter)], low, high)
+        for letter in chain.linear:
+            i = chain.index(letter)
+            shapes = _shapes(axes[k][:, i], covered[:, i].min(), covered[:, i].max())
             for m in (m for m in chain.motions if m.axis == letter and m.name in chain.angular):
                 turned = q.copy()
                 turned[:, chain.columns.index(m.name)] = _TURN
