@@ -6,8 +6,8 @@ import pytest
 from mjsim.inference.design import Design
 
 
-@pytest.fixture
-def both():
+@pytest.fixture(params=[False, True], ids=["own errors", "shared errors"])
+def both(request):
     """A design of three tests, two of which share a nuisance, and the same as a matrix (90, 5 + 4)."""
     rng = np.random.default_rng(2)
     places = np.array([0, 1]), np.array([0, 2]), np.array([3, 4])
@@ -16,7 +16,10 @@ def both():
     full = np.hstack([np.zeros((90, 5)), rest])
     for (at, columns), first in zip(blocks, (0, 20, 50), strict=True):
         full[first : first + len(columns), at] = columns
-    return Design(blocks, 5, rest), full
+    if not request.param:
+        return Design(blocks, 5, rest), full
+    shared = np.linalg.qr(rng.standard_normal((90, 3)))[0], np.array([0.2, 0.5, 0.9])
+    return Design(blocks, 5, rest, shared), full - shared[0] @ (shared[1][:, None] * (shared[0].T @ full))
 
 
 def test_a_design_multiplies_like_its_matrix(both):
@@ -42,8 +45,8 @@ def test_a_design_multiplies_with_another_of_the_same_tests(both):
 def test_a_part_of_a_design_is_that_part_of_its_matrix(both):
     design, full = both
     places = np.array([6, 8])
-    np.testing.assert_array_equal(design.columns(places), full[:, places])
-    np.testing.assert_array_equal(design.columns(slice(5, 7)), full[:, 5:7])
-    np.testing.assert_array_equal(design.without(places) @ np.eye(7), np.delete(full, places, axis=1))
-    np.testing.assert_array_equal(design.of_nuisances.dense(), full[:, :5])
-    np.testing.assert_array_equal(design.dense(full[:, 2]), np.column_stack([full, full[:, 2]]))
+    np.testing.assert_allclose(design.columns(places), full[:, places], atol=1e-12)
+    np.testing.assert_allclose(design.columns(slice(5, 7)), full[:, 5:7], atol=1e-12)
+    np.testing.assert_allclose(design.without(places) @ np.eye(7), np.delete(full, places, axis=1), atol=1e-12)
+    np.testing.assert_allclose(design.of_nuisances.dense(), full[:, :5], atol=1e-12)
+    np.testing.assert_allclose(design.dense(full[:, 2]), np.column_stack([full, full[:, 2]]), atol=1e-12)

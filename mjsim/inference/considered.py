@@ -86,18 +86,14 @@ def errors_of_bar(problem: Problem, fit: Fit) -> Design:
         columns = [0.25 * bars[k].form * s.sample(column, shift) for column in forms.T]
         return np.column_stack([0.5 * bars[k].gain_uncertainty * s.mean, *columns])
 
-    return _of_tests(problem, problem.map(by_piece), problem.whiten(problem.map(of_all)))
+    return _of_tests(problem, problem.map(by_piece), problem.whiten_tests(problem.map(of_all)))
 
 
-def _of_tests(problem: Problem, own: Sequence[np.ndarray], shared: np.ndarray | None = None) -> Design:
-    """Errors of ball-bar tests: those of each test, whitened by its noise (m, k), and whitened ones of all."""
+def _of_tests(problem: Problem, own: Sequence[np.ndarray], of_all: np.ndarray | None = None) -> Design:
+    """Errors of ball-bar tests: those of each test (m, k), and those of all, whitened but for what tests share."""
     ends = np.cumsum([0, *(o.shape[1] for o in own)])
     blocks = [(np.arange(a, b), o) for a, b, o in zip(ends[:-1], ends[1:], own, strict=True)]
-    count = int(ends[-1])
-    if problem.whitening is not None and problem.whitening.shared:
-        dense = problem.whitening.of_all(Design(blocks, count) @ np.eye(count))
-        blocks = [(np.arange(count), dense[rows]) for rows in problem.rows]
-    return Design(blocks, count, shared)
+    return Design(blocks, int(ends[-1]), of_all, problem.shared)
 
 
 def following(fit: Fit) -> dict[str, list[tuple[str, float]]]:

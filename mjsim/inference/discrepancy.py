@@ -233,11 +233,12 @@ class Discrepancy:
         Returns:
             Columns of all parameters (count, p), and the residual (count,).
         """
-        whitening, out = fit.whitening, fit.design.dense(fit.residual)
-        if whitening is not None:
-            out = whitening.all_undone(out)
-            for k, rows in enumerate(self.rows):
-                out[rows] = whitening.undone(k, out[rows])
+        whitening, design = fit.whitening, fit.design.of_each_test
+        if whitening is None:
+            return design.dense(), fit.residual
+        out = design.dense(whitening.all_undone(fit.residual))
+        for k, rows in enumerate(self.rows):
+            out[rows] = whitening.undone(k, out[rows])
         return out[:, :-1], out[:, -1]
 
 

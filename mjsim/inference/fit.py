@@ -267,9 +267,9 @@ class Fitter:
         return out
 
     def _sheet_columns(self, fit: Fit) -> tuple[list[np.ndarray], np.ndarray]:
-        """Data-sheet columns per test and whitened, at the fit's triggers."""
+        """Data-sheet columns per test, and whitened but for what tests share, at the fit's triggers."""
         sheet = self.problem.sample_grids(self._sheet.near(fit.machine), fit.nuisance)
-        return sheet, self.problem.whiten(sheet)
+        return sheet, self.problem.whiten_tests(sheet)
 
     @np.errstate(over="ignore", invalid="ignore")
     def _evaluated(self, fit: Fit, anchor: np.ndarray, exact: bool, sheet: list[np.ndarray]) -> Fit:
@@ -316,10 +316,10 @@ class Fitter:
         """The model with its design and Gauss-Newton step; priors count ``weight`` times."""
         p = self.problem
         nuisance = p.whiten_nuisance(p.nuisance_columns(fit.readings, fit.nuisance))
-        effects = p.whiten(self._effect_columns(fit)) if fit.effects else np.zeros((len(sheet_white), 0))
+        effects = p.whiten_tests(self._effect_columns(fit)) if fit.effects else np.zeros((len(sheet_white), 0))
         rest = np.hstack([sheet_white, effects])
         rest[:, fit.parameters.frozen[p.nuisances.size :]] = 0.0
-        return self._with_equations(fit, Design(nuisance, p.nuisances.size, rest), weight)
+        return self._with_equations(fit, Design(nuisance, p.nuisances.size, rest, p.shared), weight)
 
     def _with_equations(self, fit: Fit, design: Design, weight: float = 1.0) -> Fit:
         """The model with a design and its Gauss-Newton step."""

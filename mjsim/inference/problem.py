@@ -16,7 +16,6 @@ from scipy.sparse import block_diag, csr_array
 from mjsim.campaign.model import Campaign
 from mjsim.effects import registry
 from mjsim.inference.data_sheet import LINEAR, calibrated, data_sheet, sheet_of
-from mjsim.inference.design import Design
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.local_noise import LocalNoise, LouderPlace, Tiles
 from mjsim.inference.noise import Noise, noises_of
@@ -341,14 +340,11 @@ class Problem:
         ]
 
     def whiten_nuisance(self, columns: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Per test, the places (k,) of its nuisances and the whitened rows of its :meth:`nuisance_columns`."""
+        """Per test, the places (k,) of its nuisances and their columns (rows of the test, k), whitened but for what the
+        tests share.
+        """
         parts = self.map(lambda k: self.whiten_test(k, columns[k]))
-        blocks = [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
-        if self.whitening is None or not self.whitening.shared:
-            return blocks
-        every = np.arange(self.nuisances.size)
-        dense = self.whitening.of_all(Design(blocks, self.nuisances.size).dense())
-        return [(every, dense[rows]) for rows in self.rows]
+        return [(self.nuisances.of_test(t), part) for t, part in zip(self.tests, parts, strict=True)]
 
     def difference(
         self, base: Sequence[np.ndarray], other: Sequence[np.ndarray], nuisance: np.ndarray
@@ -381,10 +377,15 @@ class Problem:
 
     def whiten(self, per_test: Sequence[np.ndarray]) -> np.ndarray:
         """Stack per-test block arrays (m,) or (m, k) into whitened rows (count,) or (count, k)."""
+        out = self.whiten_tests(per_test)
+        return out if self.whitening is None else self.whitening.of_all(out)
+
+    def whiten_tests(self, per_test: Sequence[np.ndarray]) -> np.ndarray:
+        """As :meth:`whiten`, but for what tests share."""
         return self.whiten_each(per_test.__getitem__, np.empty((self.count, *per_test[0].shape[1:])))
 
     def whiten_each(self, work: Callable[[int], np.ndarray], out: np.ndarray) -> np.ndarray:
-        """As :meth:`whiten`, of block arrays that ``work(k)`` makes test by test, into ``out``.
+        """As :meth:`whiten_tests`, of block arrays that ``work(k)`` makes test by test, into ``out``.
 
         Each test goes straight into its rows: wide columns fill hundreds of MB.
         """
@@ -394,9 +395,12 @@ class Problem:
             out[rows[k]] = self.whiten_test(k, work(k))
 
         self.map(one)
-        if self.whitening is not None and self.whitening.shared:
-            out[:] = self.whitening.of_all(out)
         return out
+
+    @property
+    def shared(self) -> tuple[np.ndarray, np.ndarray] | tuple[()]:
+        """What tests share of their errors, as :class:`~mjsim.inference.design.Design` has it."""
+        return self.whitening.shared if self.whitening is not None else ()
 
     @cached_property
     def filters(self) -> list[csr_array]:
