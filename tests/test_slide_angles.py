@@ -10,6 +10,7 @@ from independent.layouts import layout
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
+from mjsim.commands.diagnosis import turns_sentence
 from mjsim.effects.registry import make
 from mjsim.inference.findings import explain
 from mjsim.inference.problem import Problem
@@ -92,3 +93,9 @@ def test_slides_that_turn_are_seen_and_those_that_do_not_are_not(problem, tmp_pa
             for i, p in enumerate(q for q in f.effect.parameters_of(f.effect.subject) if q.name in f.names)
         ]
         assert np.sqrt(np.mean(np.square(errors))) < 1.3, kind
+
+
+def test_who_states_no_limit_is_told_how_each_turn_is_fitted():
+    assert turns_sentence(0.0, ()) == ""
+    assert "11 µrad" in turns_sentence(11.3, ()) and "limit of angular_error in [tolerance]" in turns_sentence(11.3, ())
+    assert "[tolerance]" not in turns_sentence(11.3, ["backlash.A", "angular_error.EAX"])

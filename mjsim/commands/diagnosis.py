@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,18 +67,22 @@ def louder_sentence(rows: Sequence[dict]) -> str:
     )
 
 
-def turns_sentence(urad: float) -> str:
+def turns_sentence(urad: float, calibrated: Iterable[str]) -> str:
     """By how much the slides turn; empty where the tests show none.
 
     Args:
         urad: ``slide_turns_urad`` of the JSON of ``mjsim diagnose``.
+        calibrated: Ids of the effects that were calibrated.
     """
     if not urad:
         return ""
-    return (
+    told = (
         f"The slides turn by about {urad:.2g} µrad (RMS over 200 mm of travel), by roll, pitch and yaw that are in no "
-        "effect of the model. Every interval counts that."
+        "effect of the model. That is a part of the residual above, and every interval counts it."
     )
+    if any(i.startswith("angular_error.") for i in calibrated):
+        return told
+    return f"{told} With a limit of angular_error in [tolerance] of the machine file, each turn is fitted."
 
 
 @dataclass(frozen=True)
@@ -188,7 +192,7 @@ class Diagnosis:
     @property
     def turns_summary(self) -> str:
         """By how much the slides turn; empty where the tests show none."""
-        return turns_sentence(_r(self.slide_turns / 1e-6))
+        return turns_sentence(_r(self.slide_turns / 1e-6), (c.effect.effect.id for c in self.calibration))
 
     @property
     def louder_summary(self) -> str:
