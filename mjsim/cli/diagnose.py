@@ -214,7 +214,7 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         common.paragraph("Also in the model, and still in the residual above:" if more else within)
         for curve in data["further_curves"]:
             common.paragraph(curve["summary"], "  ")
-    turns = turns_sentence(data.get("slide_turns_urad", 0.0), (c["id"] for c in data.get("calibration", ())))
+    turns = turns_sentence(data.get("slide_turns_urad", 0.0), (c["id"] for c in calibration))
     for sentence in (turns, louder_sentence(data.get("louder", ()))):
         if sentence:
             click.echo()

@@ -88,7 +88,8 @@ class Design:
             out[:, p + i] = column
         for rows, (places, columns) in zip(self._rows, self.blocks, strict=True):
             out[rows, places] += columns
-        out[:, :p] = self._shrunk(out[:, :p], self._along)
+        if self.shared:
+            out[:, :p] = self._shrunk(out[:, :p], self._along)
         return out
 
     def without(self, places: np.ndarray) -> Design:

@@ -154,14 +154,12 @@ class Discrepancy:
             bases.append(basis)
             slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
             fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
-        out = cls(bases, slow, fast)
         if not turns:
-            return out
+            return cls(bases, slow, fast)
         means = [np.column_stack([s.sample(c, 0.0) for c in t.T]) for s, t in zip(problem.samples, turns, strict=True)]
-        out.reach = float(np.sqrt(np.mean(np.concatenate([np.square(m).sum(axis=1) for m in means]))))
-        if out.reach > 0.0:
-            out.turns = problem.whiten([m / out.reach for m in means])
-        return out
+        reach = float(np.sqrt(np.mean(np.concatenate([np.square(m).sum(axis=1) for m in means]))))
+        turned = problem.whiten([m / reach for m in means]) if reach > 0.0 else None
+        return cls(bases, slow, fast, (), turned, reach)
 
     def beside_curves(self, problem: Problem, readings: Sequence[Sequence[np.ndarray]]) -> Discrepancy:
         """The same where the model has curves of unknown causes.

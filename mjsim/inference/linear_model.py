@@ -259,32 +259,28 @@ class LinearModel:
             Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
             logarithm of the covariance's determinant over that of the campaign's noise.
         """
-        total, log_det = self._weighted(sizes)
-        total, more, _ = self._without_turns(total, sizes)
-        return total[:-1, :-1], total[:-1, -1], float(total[-1, -1]), log_det + more
+        return self._without_turns(sizes)[0]
 
-    def _without_turns(self, total: np.ndarray, sizes: Sizes) -> tuple[np.ndarray, float, np.ndarray]:
-        """Products of columns and residual with what turns of the slides make of the covariance; the logarithm by which
-        its determinant grows; and the turns that follow from columns and residual, (shapes, p + 1) m.
+    def _without_turns(self, sizes: Sizes) -> tuple[tuple[np.ndarray, np.ndarray, float, float], np.ndarray]:
+        """What :meth:`normal` says, and the turns of the slides that follow from columns and residual, (shapes, p + 1)
+        m.
         """
+        total, log_det = self._weighted(sizes)
         mine = self._turns
         others = np.delete(total, mine, axis=0)
         rest = np.delete(others, mine, axis=1)
-        if not self.discrepancy.turned_by(sizes):
-            return rest, 0.0, np.zeros((len(mine), len(rest)))
-        cross = others[:, mine]
-        factor = cho_factor(total[np.ix_(mine, mine)] + np.eye(len(mine)) / sizes.turn**2, lower=True)
-        follow = cho_solve(factor, cross.T)
-        more = 2.0 * float(np.log(sizes.turn * np.diag(factor[0])).sum())
-        return rest - cross @ follow, more, follow
-
-    def _solved(self, sizes: Sizes) -> tuple[float, np.ndarray]:
-        """Log evidence without the prior of the sizes, and the step of the parameters, (p,)."""
-        return marginalised(*self.normal(sizes), self.precision, self.departure)
+        follow = np.zeros((len(mine), len(rest)))
+        if self.discrepancy.turned_by(sizes):
+            cross = others[:, mine]
+            factor = cho_factor(total[np.ix_(mine, mine)] + np.eye(len(mine)) / sizes.turn**2, lower=True)
+            follow = cho_solve(factor, cross.T)
+            log_det += 2.0 * float(np.log(sizes.turn * np.diag(factor[0])).sum())
+            rest = rest - cross @ follow
+        return (rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), log_det), follow
 
     def log_evidence(self, sizes: Sizes) -> float:
         """Log evidence of the data with the prior of the sizes."""
-        return self._solved(sizes)[0] + sizes.log_prior
+        return marginalised(*self.normal(sizes), self.precision, self.departure)[0] + sizes.log_prior
 
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
@@ -319,12 +315,10 @@ class LinearModel:
         """What the model leaves at its best values, with what repeats in each test but without turns of the slides,
         (count,).
         """
-        step = self._solved(sizes)[1]
-        rest = self.residual - self.products.times(step)
-        if not self.discrepancy.turned_by(sizes):
-            return rest
-        _, _, follow = self._without_turns(self._weighted(sizes)[0], sizes)
-        return rest - self.discrepancy.turns @ (follow @ np.append(-step, 1.0))
+        normal, follow = self._without_turns(sizes)
+        _, step = marginalised(*normal, self.precision, self.departure)
+        turns = follow @ np.append(-step, 1.0)
+        return self.residual - self.products.times(step) - self.discrepancy.turns @ turns
 
     def _noise_factors(self, sizes: Sizes) -> np.ndarray:
         """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""
