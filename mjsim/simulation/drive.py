@@ -11,6 +11,11 @@ order in the sub-step where the velocity keeps its sign; ``tests/test_convergenc
 Where the position loop is closed on the load (an encoder at the load), the position that is held against r is that of
 the load behind the play, y = clip(y, θ − b/2, θ + b/2); the velocity loop stays on the motor.
 
+The friction level is that of the speed (Stribeck), times a factor of the direction and of the motor's angle:
+
+    g(ω, θ) = Tc [1 + (static_ratio − 1) exp(−(ω/ω_s)²)] (1 + asymmetry·sign ω) (1 + linear·θ + quadratic·θ²)
+              · (1 + a sin(order·θ + phase))
+
 With an elastic transmission the load is a second mass on a spring, and two more states:
 
     Jm dω/dt = τ − C ω − … − T,   Jl dω_l/dt = T,   T = k (θ − θ_l) + 2 ζ √(k Jl) (ω − ω_l)    (all on the motor's side)
@@ -34,6 +39,8 @@ SUBSTEPS = 2
 #: good to 0.02 µm below this (``tests/test_oracle_drives.py``). Friction that asks for more sub-steps than the last
 #: number is refused.
 PHASE, MOST_SUBSTEPS = 0.5, 400
+#: Least factor of the place on the friction level.
+_LEAST = 0.1
 #: Share by which the bristles may differ from those that slide on: the last bits of a number.
 _ROUNDING = 1e-15
 
@@ -47,7 +54,9 @@ _RIPPLE, _GRAVITY, GEAR, _TI_TORQUE, _ELASTIC = 29, 32, 33, 34, 35
 _RATE_LOAD, _PLAY, _TWO_MASS = 36, 38, 42
 # one over some of them: divisions are what a sub-step waits for
 _OF_COULOMB, _OF_SIGMA0, _OF_SUBSTEP = 39, 40, 41
-AXIS_SIZE = _TWO_MASS + 5 * 8
+# whether the friction level varies, its share that turns with the direction, by rad and rad² of the motor, and a wave
+_VARIES, _DIRECTION, _LINEAR, _QUADRATIC, _WAVE = range(_TWO_MASS + 5 * 8, _TWO_MASS + 5 * 8 + 5)
+AXIS_SIZE = _WAVE + 3
 
 
 def discretise(axis: AxisPlant, substep: float) -> np.ndarray:
@@ -64,7 +73,7 @@ def _discretised(key: tuple, substep: float) -> np.ndarray:
     out = np.zeros(AXIS_SIZE)
     if p.load_inertia:
         out[_ELASTIC] = 1.0
-        out[_TWO_MASS:] = E.ravel()
+        out[_TWO_MASS:_VARIES] = E.ravel()
         out[_RATE_LOAD : _RATE_LOAD + 2] = F[1, 3:]
     else:
         out[_A : _A + 9] = E[:, :3].ravel()
@@ -77,6 +86,8 @@ def _discretised(key: tuple, substep: float) -> np.ndarray:
     out[_OF_SUBSTEP] = 1.0 / substep
     out[_STATIC], out[_STRIBECK] = p.static_ratio, p.stribeck_velocity
     out[_RIPPLE : _RIPPLE + 3] = p.ripple
+    out[_DIRECTION : _WAVE + 3] = p.asymmetry, *p.by_position, *p.friction_ripple
+    out[_VARIES] = np.any(out[_DIRECTION : _WAVE + 1])
     out[_PLAY] = p.play
     out[_GRAVITY], out[GEAR], out[_TI_TORQUE] = p.gravity, p.gear, p.velocity_gain / p.integral_time
     return out
@@ -165,6 +176,20 @@ def _stepped(p, th, om, it, lth, lom, seen, dr, f):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _level(p, om, th):
+    """The friction at which the bristles slide on at a speed and an angle of the motor, N·m."""
+    g = p[_COULOMB]
+    if p[_STRIBECK] > 0.0:
+        w = om / p[_STRIBECK]
+        g = g * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w))
+    if p[_VARIES] > 0.0:
+        g *= max(1.0 + th * (p[_LINEAR] + th * p[_QUADRATIC]), _LEAST)
+        g *= 1.0 + p[_WAVE] * math.sin(p[_WAVE + 1] * th + p[_WAVE + 2])
+        g *= 1.0 + math.copysign(p[_DIRECTION], om * p[_DIRECTION])
+    return g
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def bristle(z, end, way):
     """LuGre's bristle while the motor slides one way: its deflection afterwards, and the mean on the way.
 
@@ -192,7 +217,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
     lost = behind - (lth if elastic else th) if half > 0.0 else 0.0
     n, rate_of = 1.0 / substeps, p[_OF_SUBSTEP]
     g, of_g, of_s0 = tc, p[_OF_COULOMB], p[_OF_SIGMA0]
-    is_level = p[_STRIBECK] == 0.0 and ripple == 0.0
+    of_speed, varies = p[_STRIBECK] > 0.0, p[_VARIES] > 0.0
+    is_level = p[_STRIBECK] == 0.0 and ripple == 0.0 and not varies
     for k in range(substeps):
         u = (k + 1) * n
         rc = r0 + u * (slope + u * curve)
@@ -207,9 +233,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
             # mid velocity from the rate now, friction at the bristle's present state
             f, now = constant, f
             if tc > 0.0:
-                if p[_STRIBECK] > 0.0:
-                    w = om / p[_STRIBECK]
-                    of_g = 1.0 / (tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w)))
+                if of_speed or varies:
+                    of_g = 1.0 / _level(p, om, th)
                 now += s1 * (om - abs(om) * s0 * z * of_g)
             if ripple != 0.0:
                 now += ripple * math.sin(p[_RIPPLE + 1] * th + p[_RIPPLE + 2])
@@ -219,9 +244,8 @@ def advance(p, s, r_next, load_torque, substep, substeps):
                 rate += p[_RATE_LOAD] * lth + p[_RATE_LOAD + 1] * lom
             mid = om + 0.5 * substep * rate
             if tc > 0.0:
-                if p[_STRIBECK] > 0.0:
-                    w = mid / p[_STRIBECK]
-                    g = tc * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w))
+                if of_speed or varies:
+                    g = _level(p, mid, th + 0.5 * substep * om)
                     of_g = 1.0 / g
                 end = math.copysign(g * of_s0, mid)
                 a = abs(mid) * substep * s0 * of_g

@@ -69,10 +69,7 @@ def only_in_logs(axis: AxisPlant) -> str:
     control = Control(sample_time=axis.control.sample_time)
     found = {
         "a control with lag, delay, limit or a law of its own": axis.control != control,
-        "friction_direction": axis.asymmetry != 0.0,
-        "friction_ripple": axis.friction_ripple[0] != 0.0,
         "cogging": bool(axis.waves),
-        "friction_position": any(axis.by_position),
         "rest_friction": axis.resting[0] != 0.0,
         "torque_loss": axis.torque_loss != 0.0,
         "encoder_error": axis.encoder_error[0] != 0.0,
