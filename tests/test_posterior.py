@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.stats import ncx2
 
-from mjsim.inference.discrepancy import Discrepancy, Sizes, _harmonics
+from mjsim.inference.discrepancy import Common, Discrepancy, Sizes, _harmonics
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
 from mjsim.inference.linear_model import LinearModel, Products
 from mjsim.inference.posterior import beyond
@@ -144,11 +144,13 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     basis, triangle = np.linalg.qr(_harmonics(time, 0.5)[:, :5])
     own = triangle @ np.diag([0.2, 0.1, 0.1, 0.1, 0.1]) @ triangle.T
     turns = rng.standard_normal((60, 2))  # of slides
-    d = Discrepancy([basis], [own], [0.0 * own], turns=turns, reach=1.0)
+    bends = rng.standard_normal((60, 3))
+    common = [Common("turns", 1.0, turns, 1.0), Common("none", 1.0, bends, 1.0), Common("bends", 1.0, bends, 1.0)]
+    d = Discrepancy([basis], [own], [0.0 * own], common=common)
     prior = np.array([1.0, 4.0, 0.25])
     linear = LinearModel(Products(d, columns), rows, prior, np.zeros(3))
-    sizes = Sizes(1.0, 0.0, np.array([1.2]), 0.7, 1.0)
-    left = 1.44 * np.eye(60) + basis @ own @ basis.T + 0.49 * turns @ turns.T
+    sizes = Sizes(1.0, 0.0, np.array([1.2]), (0.7, 0.0, 0.4), (1.0, 1.0, 1.0))
+    left = 1.44 * np.eye(60) + basis @ own @ basis.T + 0.49 * turns @ turns.T + 0.16 * bends @ bends.T
     covariance = left + columns @ np.diag(1.0 / prior) @ columns.T
     white = d.whitening(sizes).of_rows(d.rows, np.eye(60))
     assert white.T @ white == pytest.approx(np.linalg.inv(left), abs=1e-4)

@@ -130,7 +130,8 @@ def test_hypotheses_stand_beside_the_residual_of_the_fit(real):
     _, problem, machine, _ = real
     search = BarSearch(Fitter(problem, machine))
     fit = search.fitter.fit([], exact=False)
-    loud = Sizes(0.4e-6, 0.2e-6, np.linspace(1.0, 3.0, len(problem.tests)))
+    usual = search.discrepancy.usual.without_common()
+    loud = replace(usual, slow=0.4e-6, fast=0.2e-6, factor=np.linspace(1.0, 3.0, len(problem.tests)))
     model = search._tuned(Model({}, fit, problem, loud))
     sizes = [model.sizes]
     expected = search._beside(model, sizes, curves=False)

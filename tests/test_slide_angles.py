@@ -10,7 +10,7 @@ from independent.layouts import layout
 
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
-from mjsim.commands.diagnosis import turns_sentence
+from mjsim.commands.diagnosis import common_sentence
 from mjsim.effects.registry import make
 from mjsim.inference.findings import explain
 from mjsim.inference.problem import Problem
@@ -54,7 +54,7 @@ def test_a_straight_turn_leaves_what_an_angular_error_does(problem, axis, about)
     turned = machine.with_effect(make(f"angular_error.E{about}{axis}", machine.chain, linear_urad=10.0))
     expected = [b - a for a, b in zip(*(tests.readings(build(m)) for m in (machine, turned)), strict=True)]
     first = 3 * (3 * "XYZ".index(axis) + ABOUT.index(about))
-    found = [columns[:, first] for columns in turns_of_slides(tests, machine)]
+    found = [columns[:, first] for columns in turns_of_slides(tests, machine).readings]
     # Legendre's three first polynomials together have this mean square
     found = [10e-6 * np.sqrt(1 / 3 + 1 / 5 + 1 / 7) * f for f in found]
     size = max(map(np.ptp, expected))
@@ -67,7 +67,7 @@ def test_a_straight_turn_leaves_what_an_angular_error_does(problem, axis, about)
 
 def test_shapes_are_zero_where_their_axis_stands_at_zero(problem):
     tests, machine, _ = problem
-    for motion, columns in zip(tests.motions, turns_of_slides(tests, machine), strict=True):
+    for motion, columns in zip(tests.motions, turns_of_slides(tests, machine).readings, strict=True):
         for i, shapes in enumerate(np.split(columns, 3, axis=1)):
             place = motion.commands[::5, i]
             at = np.flatnonzero(np.diff(np.sign(place)))
@@ -79,10 +79,10 @@ def test_slides_that_turn_are_seen_and_those_that_do_not_are_not(problem, tmp_pa
     standard deviations.
     """
     tests, machine, _ = problem
-    assert explain(Separated(tests, machine, ())).slide_turns == 0.0
+    assert "slide_turns" not in explain(Separated(tests, machine, ())).common
     turning, machine, truth = problem_of(tmp_path, 12.0)
     found = explain(Separated(turning, machine, ()))
-    assert 3e-6 < found.slide_turns < 30e-6
+    assert 3e-6 < found.common["slide_turns"] < 30e-6
     assert not found.selection.found and found.unexplained is None
     fit = found.selection.fit
     for kind in ("axis_location", "squareness", "straightness"):
@@ -96,6 +96,8 @@ def test_slides_that_turn_are_seen_and_those_that_do_not_are_not(problem, tmp_pa
 
 
 def test_who_states_no_limit_is_told_how_each_turn_is_fitted():
-    assert turns_sentence(0.0, ()) == ""
-    assert "11 µrad" in turns_sentence(11.3, ()) and "limit of angular_error in [tolerance]" in turns_sentence(11.3, ())
-    assert "[tolerance]" not in turns_sentence(11.3, ["backlash.A", "angular_error.EAX"])
+    assert common_sentence({"slide_turns_urad": 0.0}, ()) == ""
+    told = {"slide_turns_urad": 11.3}
+    assert "11 µrad" in common_sentence(told, ())
+    assert "limit of angular_error in [tolerance]" in common_sentence(told, ())
+    assert "[tolerance]" not in common_sentence(told, ["backlash.A", "angular_error.EAX"])

@@ -138,7 +138,7 @@ def _diagnose(
         settings=settings,
         probabilities=explained.verdicts.to_json(),
         discrepancy=explained.discrepancy,
-        slide_turns=explained.slide_turns,
+        common=explained.common,
         louder=data.louder_places(),
         budget=explained.budget,
     )

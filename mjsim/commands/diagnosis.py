@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,22 +67,29 @@ def louder_sentence(rows: Sequence[dict]) -> str:
     )
 
 
-def turns_sentence(urad: float, calibrated: Iterable[str]) -> str:
-    """By how much the slides turn; empty where the tests show none.
+def common_sentence(data: Mapping[str, Any], calibrated: Iterable[str]) -> str:
+    """What the tests show that every machine has a little of and no effect of the model is; empty where they show none.
 
     Args:
-        urad: ``slide_turns_urad`` of the JSON of ``mjsim diagnose``.
+        data: The JSON of ``mjsim diagnose``.
         calibrated: Ids of the effects that were calibrated.
     """
-    if not urad:
-        return ""
-    told = (
-        f"The slides turn by about {urad:.2g} µrad (RMS over 200 mm of travel), by roll, pitch and yaw that are in no "
-        "effect of the model. That is a part of the residual above, and every interval counts it."
-    )
-    if any(i.startswith("angular_error.") for i in calibrated):
-        return told
-    return f"{told} With a limit of angular_error in [tolerance] of the machine file, each turn is fitted."
+    told = []
+    if urad := data.get("slide_turns_urad"):
+        told.append(
+            f"The slides turn by about {urad:.2g} µrad (RMS over 200 mm of travel), by roll, pitch and yaw that are in "
+            "no effect of the model."
+        )
+    if percent := data.get("friction_varies_percent"):
+        told.append(
+            f"The friction varies by about {percent:.2g} % (RMS), with the direction, along the travel or in a turn of "
+            "the motors. It is in no effect of the model."
+        )
+    if told:
+        told.append(f"That is a part of the residual above, and every interval counts {'both' if told[1:] else 'it'}.")
+    if urad and not any(i.startswith("angular_error.") for i in calibrated):
+        told.append("With a limit of angular_error in [tolerance] of the machine file, each turn is fitted.")
+    return " ".join(told)
 
 
 @dataclass(frozen=True)
@@ -156,7 +163,8 @@ class Diagnosis:
         settings: What has decided.
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
         discrepancy: RMS in a ball-bar test of what is in no model, m.
-        slide_turns: By how much the slides turn beside what the model has, RMS over 200 mm of travel, rad.
+        common: Sizes of what every machine has a little of and no model has, by name: ``slide_turns``, rad RMS over 200
+            mm of travel; ``friction_varies``, RMS share of the friction. Only of those that the data show.
         at_rest: What was measured while the machine stood still, one for each instrument.
         budget: Where the uncertainty of every fitted number comes from.
         further: Curves of unknown causes that the model has beside ``unexplained``.
@@ -183,16 +191,22 @@ class Diagnosis:
     settings: DiagnosisSettings = DIAGNOSIS
     probabilities: dict[str, float] = field(default_factory=dict)
     discrepancy: float = 0.0
-    slide_turns: float = 0.0
+    common: dict[str, float] = field(default_factory=dict)
     at_rest: tuple[AtRest, ...] = ()
     budget: tuple[Budget, ...] = ()
     further: tuple[FurtherCurve, ...] = ()
     louder: tuple[LouderPlace, ...] = ()
 
     @property
-    def turns_summary(self) -> str:
-        """By how much the slides turn; empty where the tests show none."""
-        return turns_sentence(_r(self.slide_turns / 1e-6), (c.effect.effect.id for c in self.calibration))
+    def common_summary(self) -> str:
+        """What the tests show that every machine has a little of; empty where they show none."""
+        return common_sentence(self._common_json(), (c.effect.effect.id for c in self.calibration))
+
+    def _common_json(self) -> dict[str, float]:
+        return {
+            "slide_turns_urad": _r(self.common.get("slide_turns", 0.0) / 1e-6),
+            "friction_varies_percent": _r(self.common.get("friction_varies", 0.0) / 1e-2),
+        }
 
     @property
     def louder_summary(self) -> str:
@@ -251,7 +265,7 @@ class Diagnosis:
             "probabilities": self.probabilities,
             "noise_um": _r(self.noise / UM),
             "discrepancy_um": _r(self.discrepancy / UM),
-            "slide_turns_urad": _r(self.slide_turns / 1e-6),
+            **self._common_json(),
             "louder": [place.to_json() for place in self.louder],
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),

@@ -26,7 +26,7 @@ import numpy as np
 from mjsim.effects import registry
 from mjsim.inference.calibration import Calibrated, calibrated_effects, expected_effects
 from mjsim.inference.data_sheet import data_sheet
-from mjsim.inference.discrepancy import Discrepancy, Sizes
+from mjsim.inference.discrepancy import CommonError, Discrepancy, Sizes
 from mjsim.inference.disturbances import readmitted, without_disturbances
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter, retimed
@@ -53,6 +53,7 @@ from mjsim.inference.signatures import Candidate, Offer, Row, SignatureBank, see
 from mjsim.inference.slide_angles import turns_of_slides
 from mjsim.inference.spectrum import spectral_candidates
 from mjsim.inference.unknown_curves import Curve, best_curves
+from mjsim.inference.varying_friction import variation_of_friction
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
@@ -218,7 +219,8 @@ class BarSearch(Search[Problem]):
         self.only = tuple(f"{cls.kind}.{subject}" for cls, subject in only)
         some = (c for cls, subject in only for c in seeds_of(cls, subject, fitter.machine))
         self.seeds = [*some] if only else seeds(fitter.machine)
-        self._turns = turns_of_slides(fitter.problem, fitter.machine)
+        self._common: tuple[CommonError, ...] = (turns_of_slides(fitter.problem, fitter.machine),)
+        self._shifts = [0.0] * len(fitter.problem.tests)
         super().__init__(fitter, progress)
 
     def _begin(self, fitter: DataFitter[Problem]) -> None:
@@ -302,7 +304,12 @@ class BarSearch(Search[Problem]):
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
 
     def _discrepancy(self) -> Discrepancy:
-        return Discrepancy.of_tests(self.plain, self._turns)
+        return Discrepancy.of_tests(self.plain, self._common, self._shifts)
+
+    def _follow(self, fit: Fit) -> None:
+        self._shifts = [self.plain.shift(k, fit.nuisance) for k in range(len(self.plain.tests))]
+        self._common = self._common[0], variation_of_friction(self.plain, fit.simulated_machine)
+        self._begin_with(self.plain.local)
 
     def _discrepancy_beside(self, curves: Sequence[Curve]) -> Discrepancy:
         curves = [c for c in curves if not c.term.mode]
@@ -359,7 +366,10 @@ class BarSearch(Search[Problem]):
             return model
         fitter = self.fitter.with_problem(model.problem)
         fit = fitter.fit(better.effects, start=better, exact=True, iterations=STEPS, fresh=False)
-        return self._settled(replace(model, fit=fit), 0) if fit.objective < model.fit.objective - 1.0 else model
+        if fit.objective >= model.fit.objective - 1.0:
+            return model
+        self._follow(fit)
+        return self._settled(replace(model, fit=fit), 0)
 
     @property
     def _of_noise(self) -> float:
@@ -419,13 +429,14 @@ class BarSearch(Search[Problem]):
         elif known[0].problem.local is not self.plain.local:
             bank = known[0].on(self.plain)
             self._signatures = known = bank, Products(self.discrepancy, bank.matrix)
-        return known
+        return known[0], known[1].with_discrepancy(self.discrepancy)
 
     def _beside(self, model: Model[Problem], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         competing = [*model.curves]
         if curves or model.curves:
-            # as long as a curve is in no model, turns of the slides stand for a part of it
-            base = self.base_of(replace(model.sizes, turn=0.0), model.curves) if model.sizes.turn else model.base
+            # as long as a curve is in no model, common errors stand for a part of it
+            common = any(model.sizes.common)
+            base = self.base_of(model.sizes.without_common(), model.curves) if common else model.base
             beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
             own = {c.name for c in model.curves}  # they compete with other knots and priors in any case
             modes = curves or any(c.term.mode for c in model.curves)
@@ -455,6 +466,7 @@ class BarSearch(Search[Problem]):
             fit: The machine as given, with what it has a tolerance for.
         """
         known = {c.key: c for c in calibrated_effects(self.machine)}
+        self._follow(fit)
         model, found = self._settled(Model(known, fit, self.plain, self._usual)), None
         given = self.machine.effect(self.only[0])
         if given is not None and given.search.scanned and not given.is_neutral:  # its own waves before any other
@@ -481,8 +493,9 @@ class BarSearch(Search[Problem]):
             effects: Near where they are fitted.
             expected: What a machine of the class has, by key.
         """
-        model = self._settled(self._model_of(self.fitter.fit(list(effects), exact=False, iterations=FIRST), expected))
-        model = self._renoised(model)
+        fit = self.fitter.fit(list(effects), exact=False, iterations=FIRST)
+        self._follow(fit)
+        model = self._renoised(self._settled(self._model_of(fit, expected)))
         return replace(model, fit=self.whitened_by(model, model.problem))
 
     def log_odds(self, model: Model[Problem], effect_id: str) -> float:

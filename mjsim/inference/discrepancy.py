@@ -1,4 +1,4 @@
-"""What is in no model: a Gaussian process of the path angle in every test, and turns of the slides in all of them.
+"""What is in no model: a Gaussian process of the path angle in every test, and what every machine has in all of them.
 
 No model of a machine is complete. Its slides tilt, its modes ring, single teeth stand out. What such things leave in a
 test repeats with the path and looks like no noise. A fit that takes it for noise believes its numbers far too much, and
@@ -13,9 +13,10 @@ where a model explains everything. The noise of each test is the campaign's time
 maximising the evidence with all parameters of the model marginalised (Kennedy and O'Hagan, "Bayesian calibration of
 computer models", J. R. Statist. Soc. B 63 (2001) 425-464, have the idea of such a term).
 
-Slides that turn as they travel leave the same in all tests, over other arms (:mod:`mjsim.inference.slide_angles`).
-Taken for something that each test has of its own, it would count as often as there are tests. So the turns have a size
-of their own, σ_t, with an amplitude for each shape that all tests share.
+Some things every machine has a little of: slides turn as they travel (:mod:`mjsim.inference.slide_angles`), friction
+varies (:mod:`mjsim.inference.varying_friction`). They leave the same in all tests. Taken for something that each test
+has of its own, they would count as often as there are tests. So each has a size of its own, with an amplitude for each
+of its shapes that all tests share.
 
 A curve of an unknown cause is not known to the instant. Where it jumps (at a reversal, at a step of an encoder) the
 model has the jump in one block, and the machine a little before or after it. So where a model has such a curve, each
@@ -55,9 +56,39 @@ _JUMP, _MOST_JUMPS = 0.05, 150
 _UNSEEN = 0.03
 #: Half-width of the half-Cauchy prior of both sizes, m: what an ordinary machine leaves (assumed).
 USUAL = 0.3e-6
-#: Turn of an ordinary slide, RMS over 200 mm of travel, rad: what is there of the 60 µrad over 500 mm that ISO 10791-1
-#: allows (assumed). The prior is a half-normal of it: a much larger turn is a fault, and has a name.
-_TURN = 6e-6
+
+
+@dataclass(frozen=True)
+class CommonError:
+    """What every machine has a little of and no model has.
+
+    Attributes:
+        name: Of its size in what a diagnosis tells.
+        usual: Size on an ordinary machine, in its own unit. The prior is a half-normal of it: what is much larger is a
+            fault, and has a name.
+        readings: Per test what its shapes leave, on the GRID, (n, shapes) m per unit of its size.
+    """
+
+    name: str
+    usual: float
+    readings: Sequence[np.ndarray]
+
+
+@dataclass(frozen=True)
+class Common:
+    """What shapes of a :class:`CommonError` leave in the rows of all tests.
+
+    Attributes:
+        name: Of the error.
+        usual: What it leaves on an ordinary machine, RMS of the readings, m.
+        columns: Whitened by the campaign's noise alone, (count, shapes); together they have an RMS of 1 m.
+        reach: RMS of the readings of a size of one, m per unit.
+    """
+
+    name: str
+    usual: float
+    columns: np.ndarray
+    reach: float
 
 
 @dataclass(frozen=True)
@@ -68,32 +99,39 @@ class Sizes:
         slow: σ_s, m.
         fast: σ_r, m.
         factor: Noise of each test over the campaign's, (tests,).
-        turn: σ_t, RMS of what turns of the slides leave in the readings, m.
-        usual_turn: That of an ordinary machine in these tests, m.
+        common: RMS of what each common error leaves in the readings, m.
+        usual: That of an ordinary machine in these tests, m.
     """
 
     slow: float
     fast: float
     factor: np.ndarray
-    turn: float = 0.0
-    usual_turn: float = 1.0
+    common: tuple[float, ...] = ()
+    usual: tuple[float, ...] = ()
 
     @property
     def rms(self) -> float:
         """RMS of the discrepancy in a test, m."""
-        return math.hypot(self.slow, self.fast, self.turn)
+        return math.hypot(self.slow, self.fast, *self.common)
 
     @property
     def log_prior(self) -> float:
-        """Logarithm of the prior density of the sizes: half-Cauchy, of the turns half-normal, but for a constant."""
+        """Logarithm of the prior density of the sizes: half-Cauchy, of common errors half-normal, but for a
+        constant.
+        """
         own = -math.log1p((self.slow / USUAL) ** 2) - math.log1p((self.fast / USUAL) ** 2)
-        return own - 0.5 * (self.turn / self.usual_turn) ** 2
+        return own - 0.5 * sum((size / usual) ** 2 for size, usual in zip(self.common, self.usual, strict=True))
+
+    def without_common(self) -> Sizes:
+        """The same on a machine without any common error."""
+        return replace(self, common=tuple(0.0 for _ in self.common))
 
     def times(self, share: float) -> Sizes:
         """Sizes where ``share`` is left of the discrepancy, and of what makes tests louder than the campaign."""
         louder = np.maximum(self.factor**2 - 1.0, 0.0)
         factor = np.sqrt(self.factor**2 - louder + share**2 * louder)
-        return replace(self, slow=share * self.slow, fast=share * self.fast, turn=share * self.turn, factor=factor)
+        common = tuple(share * size for size in self.common)
+        return replace(self, slow=share * self.slow, fast=share * self.fast, common=common, factor=factor)
 
     def left(self, noise: float) -> float:
         """RMS of what a model leaves besides the noise, m.
@@ -114,9 +152,7 @@ class Discrepancy:
         slow: Per test the covariance along that basis of what changes slowly, over the square of its size, (m, m).
         fast: The same of what changes fast.
         jumps: The same of the errors where curves jump, whose size is known; empty where there are none.
-        turns: What the shapes of turns of the slides leave in all tests, whitened by the campaign's noise alone,
-            (count, shapes); together they have an RMS of one in the readings. None where nothing moved.
-        reach: Readings of an RMS turn of the slides, m/rad.
+        common: What is the same in all tests.
     """
 
     def __init__(
@@ -125,28 +161,28 @@ class Discrepancy:
         slow: Sequence[np.ndarray],
         fast: Sequence[np.ndarray],
         jumps: Sequence[np.ndarray] = (),
-        turns: np.ndarray | None = None,
-        reach: float = 0.0,
+        common: Sequence[Common] = (),
     ) -> None:
         self.basis, self._slow, self._fast, self._jumps = tuple(basis), tuple(slow), tuple(fast), tuple(jumps)
         self.rows = [slice(a, b) for a, b in pairwise(np.cumsum([0, *map(len, self.basis)]).tolist())]
-        self.turns = np.zeros((self.rows[-1].stop, 0)) if turns is None else turns
-        self.reach = reach
+        self.common = tuple(common)
 
     @property
     def usual(self) -> Sizes:
         """Sizes that an ordinary machine leaves."""
-        turn = _TURN * self.reach
-        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), turn, turn or 1.0)
+        usual = tuple(c.usual for c in self.common)
+        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), usual, usual)
 
     @classmethod
-    def of_tests(cls, problem: Problem, turns: Sequence[np.ndarray] = ()) -> Discrepancy:
-        """That of ball-bar tests: harmonics of the path angle, and turns of the slides.
+    def of_tests(
+        cls, problem: Problem, errors: Sequence[CommonError] = (), shifts: Sequence[float] = ()
+    ) -> Discrepancy:
+        """That of ball-bar tests: harmonics of the path angle, and common errors.
 
         Args:
             problem: The measured tests, whitened by the campaign's noise alone.
-            turns: Readings of each test by the shapes of the slides' turns, (n, shapes) m/rad on the GRID; without them
-                the slides do not turn.
+            errors: What is the same in all tests.
+            shifts: Trigger shift of each test, s; none is shifted without them.
         """
         bases, slow, fast = [], [], []
         for k, s in enumerate(problem.samples):
@@ -154,12 +190,8 @@ class Discrepancy:
             bases.append(basis)
             slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
             fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
-        if not turns:
-            return cls(bases, slow, fast)
-        means = [np.column_stack([s.sample(c, 0.0) for c in t.T]) for s, t in zip(problem.samples, turns, strict=True)]
-        reach = float(np.sqrt(np.mean(np.concatenate([np.square(m).sum(axis=1) for m in means]))))
-        turned = problem.whiten([m / reach for m in means]) if reach > 0.0 else None
-        return cls(bases, slow, fast, (), turned, reach)
+        found = (_common(problem, error, shifts or [0.0] * len(problem.tests)) for error in errors)
+        return cls(bases, slow, fast, (), [c for c in found if c.reach > 0.0])
 
     def beside_curves(self, problem: Problem, readings: Sequence[Sequence[np.ndarray]]) -> Discrepancy:
         """The same where the model has curves of unknown causes.
@@ -188,19 +220,16 @@ class Discrepancy:
             slow.append(np.pad(self._slow[k], more))
             fast.append(np.pad(self._fast[k], more))
             jumps.append(own @ own.T)
-        return Discrepancy(bases, slow, fast, jumps, self.turns, self.reach)
+        return Discrepancy(bases, slow, fast, jumps, self.common)
 
     def is_nothing(self, sizes: Sizes) -> bool:
         """Whether no test has one of its own where it has these sizes."""
         return sizes.slow == sizes.fast == 0.0 and not self._jumps
 
-    def turned_by(self, sizes: Sizes) -> bool:
-        """Whether slides turn where it has these sizes."""
-        return sizes.turn > 0.0 and self.turns.shape[1] > 0
-
-    def turn_of(self, sizes: Sizes) -> float:
-        """By how much the slides turn where it has these sizes, RMS over 200 mm of travel, rad."""
-        return sizes.turn / self.reach if self.turned_by(sizes) else 0.0
+    def told(self, sizes: Sizes, least: float) -> dict[str, float]:
+        """Sizes of common errors in their own units, by name: of those that leave more than ``least`` m (RMS)."""
+        rows = zip(self.common, sizes.common, strict=True)
+        return {c.name: size / c.reach for c, size in rows if size > least}
 
     @property
     def tests(self) -> Iterator[tuple[np.ndarray, slice]]:
@@ -221,9 +250,8 @@ class Discrepancy:
             parts.append((basis @ vectors, shrink))
             log_det += more
         own = Whitening(sizes.factor, tuple(parts), (), log_det)
-        if not self.turned_by(sizes):
-            return own
-        return own.beside(sizes.turn * own.of_rows(self.rows, self.turns))
+        there = [size * c.columns for c, size in zip(self.common, sizes.common, strict=True) if size]
+        return own.beside(own.of_rows(self.rows, np.hstack(there))) if there else own
 
     def plain(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
         """Design and residual of a fit as rows that are whitened by the campaign's noise alone.
@@ -238,6 +266,17 @@ class Discrepancy:
         for k, rows in enumerate(self.rows):
             out[rows] = whitening.undone(k, out[rows])
         return out[:, :-1], out[:, -1]
+
+
+def _common(problem: Problem, error: CommonError, shifts: Sequence[float]) -> Common:
+    """What an error leaves in the rows of tests with such trigger shifts, s."""
+    samples = zip(problem.samples, error.readings, shifts, strict=True)
+    means = [np.stack([s.sample(c, shift) for c in grid.T], axis=1) for s, grid, shift in samples if grid.size]
+    if not means:
+        return Common(error.name, 0.0, np.zeros((0, 0)), 0.0)
+    reach = float(np.sqrt(np.mean(np.concatenate([np.square(m).sum(axis=1) for m in means]))))
+    columns = problem.whiten([m / reach for m in means]) if reach > 0.0 else np.zeros((0, 0))
+    return Common(error.name, error.usual * reach, columns, reach)
 
 
 def _spectrum(corner: float, exponent: float) -> np.ndarray:

@@ -90,8 +90,9 @@ class Explained(Generic[D]):
         verdict: ``identified``, ``ambiguous``, ``unknown`` or ``nothing_found``, by what is a finding.
         verdicts: Probabilities of all.
         discrepancy: RMS of what is in no model, m.
-        slide_turns: By how much the slides turn beside what is in the model, RMS over 200 mm of travel, rad; zero where
-            the data show none.
+        common: Sizes of what every machine has a little of and no model has, by name, in their own units: the RMS turn
+            of the slides over 200 mm of travel, rad; the RMS share of the friction by which it varies. Only of those
+            that the data show.
         budget: Where the uncertainty of every number comes from.
     """
 
@@ -105,7 +106,7 @@ class Explained(Generic[D]):
     verdict: str
     verdicts: Verdicts
     discrepancy: float
-    slide_turns: float
+    common: dict[str, float]
     budget: tuple[Budget, ...]
 
 
@@ -458,10 +459,9 @@ class Reader(ABC, Generic[D]):
         verdict, verdicts = self._verdict(named, rows, shown, unknown)
         sums, sizes, ended = combinations(fit, settings), self.model.sizes, self.model.problem
         told, further = unknown.told, unknown.further
-        seen = sizes.turn > SEEN * ended.noise.rms
-        turns = self.search.discrepancy.turn_of(sizes) if seen else 0.0
+        common = self.search.discrepancy.told(sizes, SEEN * ended.noise.rms)
         return Explained(
-            ended, selection, told, further, entries, shares, sums, verdict, verdicts, sizes.rms, turns, budget
+            ended, selection, told, further, entries, shares, sums, verdict, verdicts, sizes.rms, common, budget
         )
 
 

@@ -2,7 +2,7 @@
 
 Columns of parameters and curves are multiplied once, test by test, along the basis of the discrepancy and across it.
 For any sizes the products with the inverse covariance between follow from these, and with them the log evidence with
-all parameters marginalised. Turns of the slides are columns like those of parameters, which every product is free of.
+all parameters marginalised. Common errors are columns like those of parameters, which every product is free of.
 The largest evidence says the sizes.
 """
 
@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
@@ -92,6 +93,12 @@ class Products:
     def knots(self) -> int:
         """Number of knots of all curves."""
         return max((at.stop for at, _ in self._curves), default=0)
+
+    def with_discrepancy(self, discrepancy: Discrepancy) -> Products:
+        """The same for a discrepancy with the same basis, and other common errors."""
+        out = copy(self)
+        out.discrepancy = discrepancy
+        return out
 
     def along_more(self, discrepancy: Discrepancy) -> Products:
         """The same for a discrepancy whose basis has further directions behind those of this one."""
@@ -190,9 +197,11 @@ class LinearModel:
     ) -> None:
         self.products, self.discrepancy, self.residual = products, products.discrepancy, residual
         self.precision, self.departure = precision, departure
-        turns = self.discrepancy.turns
-        self._all = products.extended(turns) if turns.shape[1] else products
-        self._turns = products.dense + np.arange(turns.shape[1])
+        shared = [c.columns for c in self.discrepancy.common]
+        self._all = products.extended(*shared)
+        ends = products.dense + np.cumsum([0, *(columns.shape[1] for columns in shared)])
+        #: Places of the columns of each common error.
+        self._shared = [np.arange(a, b) for a, b in pairwise(ends.tolist())]
         self._along, self._live, self._across = [], [], []
         factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
         totals = {key: self._nothing() for key in factors}
@@ -221,8 +230,8 @@ class LinearModel:
         return self._all.of_curves(self._all.of_curves(total).T)
 
     def _noise_alone(self, factor: np.ndarray) -> np.ndarray:
-        """Products of columns, turns and residual across the basis of the discrepancy, where there is only noise; kept
-        for the next sizes with the same factors.
+        """Products of columns, common errors and residual across the basis of the discrepancy, where there is only
+        noise; kept for the next sizes with the same factors.
         """
         key = factor.tobytes()
         if key not in self._summed:
@@ -233,8 +242,8 @@ class LinearModel:
         return self._summed[key]
 
     def _weighted(self, sizes: Sizes) -> tuple[np.ndarray, float]:
-        """Products of columns, turns and residual with the inverse covariance of noise and discrepancy between, and the
-        logarithm of its determinant over that of the campaign's noise.
+        """Products of columns, common errors and residual with the inverse covariance of noise and discrepancy between,
+        and the logarithm of its determinant over that of the campaign's noise.
         """
         nothing, log_det = self.discrepancy.is_nothing(sizes), 0.0
         rows = np.zeros((sum(map(len, self._along)), self._all.width + 1))
@@ -259,23 +268,23 @@ class LinearModel:
             Of the columns with each other, (p, p); with the residual, (p,); of the residual with itself; and the
             logarithm of the covariance's determinant over that of the campaign's noise.
         """
-        return self._without_turns(sizes)[0]
+        return self._without_common(sizes)[0]
 
-    def _without_turns(self, sizes: Sizes) -> tuple[tuple[np.ndarray, np.ndarray, float, float], np.ndarray]:
-        """What :meth:`normal` says, and the turns of the slides that follow from columns and residual, (shapes, p + 1)
-        m.
-        """
+    def _without_common(self, sizes: Sizes) -> tuple[tuple[np.ndarray, np.ndarray, float, float], np.ndarray]:
+        """What :meth:`normal` says, and what common errors follow from columns and residual, (shapes, p + 1) m."""
         total, log_det = self._weighted(sizes)
-        mine = self._turns
-        others = np.delete(total, mine, axis=0)
-        rest = np.delete(others, mine, axis=1)
-        follow = np.zeros((len(mine), len(rest)))
-        if self.discrepancy.turned_by(sizes):
+        first, count = self.products.dense, sum(map(len, self._shared))
+        others = np.delete(total, slice(first, first + count), axis=0)
+        rest = np.delete(others, slice(first, first + count), axis=1)
+        follow = np.zeros((count, len(rest)))
+        there = [(at, np.full(len(at), size)) for at, size in zip(self._shared, sizes.common, strict=True) if size]
+        if there:
+            mine, deviation = map(np.concatenate, zip(*there, strict=True))
             cross = others[:, mine]
-            factor = cho_factor(total[np.ix_(mine, mine)] + np.eye(len(mine)) / sizes.turn**2, lower=True)
-            follow = cho_solve(factor, cross.T)
-            log_det += 2.0 * float(np.log(sizes.turn * np.diag(factor[0])).sum())
-            rest = rest - cross @ follow
+            factor = cho_factor(total[np.ix_(mine, mine)] + np.diag(deviation**-2.0), lower=True)
+            follow[mine - first] = cho_solve(factor, cross.T)
+            log_det += 2.0 * float(np.log(deviation * np.diag(factor[0])).sum())
+            rest = rest - cross @ follow[mine - first]
         return (rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), log_det), follow
 
     def log_evidence(self, sizes: Sizes) -> float:
@@ -298,27 +307,31 @@ class LinearModel:
         steps of ``side`` of their logarithms.
         """
 
-        names = ("slow", "fast", "turn") if len(self._turns) else ("slow", "fast")
+        def of(values: Sequence[float]) -> Sizes:
+            return replace(start, slow=values[0], fast=values[1], common=tuple(values[2:]))
 
         def at(x: np.ndarray) -> Sizes:
-            return replace(start, **dict(zip(names, np.clip(np.exp(x), _SMALLEST, _LARGEST).tolist(), strict=True)))
+            return of(np.clip(np.exp(x), _SMALLEST, _LARGEST).tolist())
 
-        begin = np.log(np.maximum([getattr(start, n) for n in names], 0.03e-6))
-        simplex = begin - side * np.vstack([np.zeros(len(names)), np.eye(len(names))])
-        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 30 * len(names), "initial_simplex": simplex}
+        begin = np.log(np.maximum([start.slow, start.fast, *start.common], 0.03e-6))
+        simplex = begin - side * np.vstack([np.zeros(len(begin)), np.eye(len(begin))])
+        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 30 * len(begin), "initial_simplex": simplex}
         best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
-        kept = itertools.product((True, False), repeat=len(names))
-        choices = [replace(best, **{n: 0.0 for n, k in zip(names, row, strict=True) if not k}) for row in kept]
-        return max(choices, key=self.log_evidence)
+        values = [best.slow, best.fast, *best.common]
+        kept = itertools.product((1.0, 0.0), repeat=len(values))
+        return max((of([v * k for v, k in zip(values, row, strict=True)]) for row in kept), key=self.log_evidence)
 
     def rest(self, sizes: Sizes) -> np.ndarray:
-        """What the model leaves at its best values, with what repeats in each test but without turns of the slides,
+        """What the model leaves at its best values, with what repeats in each test but without common errors,
         (count,).
         """
-        normal, follow = self._without_turns(sizes)
+        normal, follow = self._without_common(sizes)
         _, step = marginalised(*normal, self.precision, self.departure)
-        turns = follow @ np.append(-step, 1.0)
-        return self.residual - self.products.times(step) - self.discrepancy.turns @ turns
+        left, first = self.residual - self.products.times(step), self.products.dense
+        amplitudes = follow @ np.append(-step, 1.0)
+        for at, c in zip(self._shared, self.discrepancy.common, strict=True):
+            left -= c.columns @ amplitudes[at - first]
+        return left
 
     def _noise_factors(self, sizes: Sizes) -> np.ndarray:
         """Each test's noise over the campaign's, from what is left across the basis of its discrepancy, (tests,)."""

@@ -202,7 +202,7 @@ class Linearisation:
     def _part_of(self, effect: Effect, plants: list[Plant]) -> Callable[[int, Plant, str], np.ndarray]:
         """What computes the part of the reading that such an effect changes, but for a constant part."""
         if not effect.search.quasi_static:
-            return self._of_drive
+            return self.of_drive
         if any(p.geometry.location or p.geometry.squareness for p in plants):
             return self._of_geometry
         if any(op.out >= p.chain.count for p in plants for op in p.ops):
@@ -210,7 +210,7 @@ class Linearisation:
             return self._of_table
         return self._of_operations
 
-    def _of_drive(self, k: int, plant: Plant, axis: str) -> np.ndarray:
+    def of_drive(self, k: int, plant: Plant, axis: str) -> np.ndarray:
         """What one drive adds to the reading of test ``k``, on the grid, m, to be compared with another: what a single
         sub-step of it misses is the same in both.
         """

@@ -412,6 +412,9 @@ class Search(Ascent[Model[D]]):
     def _first(self, effects: list[EffectVector]) -> Fit:
         """Effects fitted from the machine as given."""
 
+    def _follow(self, fit: Fit) -> None:
+        """What the data may show that is in no model, for a machine and triggers as in a fit."""
+
     @abstractmethod
     def _beside(self, model: Model[D], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         """Everything beside a model; ``curves`` says whether unknown causes that it does not have compete as well."""
@@ -480,6 +483,7 @@ class Search(Ascent[Model[D]]):
         """
         self.progress("fitting the machine as given" if not expected else "fitting what its class has", 0, 1)
         fit = self._first([c.free for c in expected])
+        self._follow(fit)
         return self._settled(self._cleaned(self._model_of(fit, {c.key: c for c in expected})))
 
     def _model_of(self, fit: Fit, expected: dict[str, Calibrated]) -> Model[D]:

@@ -433,7 +433,7 @@ def diagnosed(
             "unexplained": " ".join(
                 filter(
                     None,
-                    [u.summary if u else _rest(rest), _further(result), result.turns_summary, result.louder_summary],
+                    [u.summary if u else _rest(rest), _further(result), result.common_summary, result.louder_summary],
                 )
             ),
             "curve": (*u.curve, u.labels, u.summary, u.period) if u else None,

@@ -153,9 +153,9 @@ class FindingsPanel(JobPanel):
                 ui.label("Also in the model").classes("head")
                 for curve in result.further:
                     ui.label(curve.summary)
-        if result.turns_summary:
-            with ui.element("div").classes("card plain").mark("turns of slides"):
-                ui.label(result.turns_summary)
+        if result.common_summary:
+            with ui.element("div").classes("card plain").mark("common errors"):
+                ui.label(result.common_summary)
         if result.louder:
             with ui.element("div").classes("card plain").mark("louder places"):
                 ui.label(result.louder_summary)
