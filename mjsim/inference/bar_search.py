@@ -484,7 +484,7 @@ class BarSearch(Search[Problem]):
             model = found = best
             if not found.fit.effects[-1].effect.search.scanned:
                 break
-        return found
+        return None if found is None else replace(found, fit=self.whitened_by(found, found.problem))
 
     def of_effects(self, effects: Sequence[EffectVector], expected: dict[str, Calibrated]) -> Model[Problem]:
         """The model that has these effects and nothing else, beside what repeats and is in no model.
