@@ -206,7 +206,8 @@ class Linearisation:
         if any(p.geometry.location or p.geometry.squareness for p in plants):
             return self._of_geometry
         if any(op.out >= p.chain.count for p in plants for op in p.ops):
-            self._with_motions(plants)
+            for column in {op.out for p in plants for op in p.ops if op.out >= p.chain.count}:
+                self.by_motion(column)  # before threads ask for it
             return self._of_table
         return self._of_operations
 
@@ -251,12 +252,14 @@ class Linearisation:
             weight[:, column] = self._by_motion[column][k]
         return reading_change(alone.op_table(test.recording, test.started), q, self._clock(k), weight)
 
-    def _with_motions(self, plants: list[Plant]) -> None:
-        """Compute the derivatives of the readings by the error motions that occur in ``plants``."""
-        ideal = self._ideal
-        for plant in plants:
-            for column in {op.out for op in plant.ops if op.out >= plant.chain.count} - set(self._by_motion):
-                self._by_motion[column] = self.problem.map(lambda k, c=column: (self._moved(k, c) - ideal[k]) / _MOTION)
+    def by_motion(self, column: int) -> list[np.ndarray]:
+        """Derivatives of the readings by a constant error motion in a column of the motions, per test (n,) on the grid,
+        m per m or rad.
+        """
+        if column not in self._by_motion:
+            ideal = self._ideal
+            self._by_motion[column] = self.problem.map(lambda k: (self._moved(k, column) - ideal[k]) / _MOTION)
+        return self._by_motion[column]
 
     def _moved(self, k: int, column: int) -> np.ndarray:
         """Reading of test ``k`` with a small constant error motion in ``column`` of the motions, on the grid, m."""

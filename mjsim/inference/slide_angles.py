@@ -17,17 +17,14 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from mjsim.inference.discrepancy import CommonError
+from mjsim.inference.linearisation import Linearisation
 from mjsim.inference.problem import Problem
-from mjsim.inference.samples import GRID_STEPS
-from mjsim.machine.model import Machine, build
-from mjsim.simulation.bar import reading_in
+from mjsim.machine.model import Machine
 
 #: Highest degree of the polynomials (assumed: a guideway has no shorter wave than the travel that the tests cover).
 _DEGREE = 3
 #: Half of the travel on which a slide turns by the unit, m: one that travels less turns less.
 _HALF = 0.1
-#: Turn by which the readings are derived, rad.
-_TURN = 1e-6
 #: Turn of an ordinary slide, RMS over 200 mm of travel, rad: what is there of the 60 µrad over 500 mm that ISO 10791-1
 #: allows (assumed).
 _USUAL = 6e-6
@@ -40,23 +37,16 @@ def turns_of_slides(problem: Problem, machine: Machine) -> CommonError:
         problem: The measured tests.
         machine: As given; what else it has changes nothing here.
     """
-    plant, chain = build(replace(machine, effects=())), machine.chain
-    axes = problem.map(lambda k: np.ascontiguousarray(problem.motions[k].load(plant, GRID_STEPS)[:, : chain.count]))
-    covered = np.vstack(axes)
+    linear, chain = Linearisation(problem, replace(machine, effects=()), np.zeros(0)), machine.chain
+    covered = np.vstack(linear.loads)
+    turns = [(chain.index(a), name) for a in chain.linear for name in chain.error_motion(a) if name in chain.angular]
+    arms = [(i, linear.by_motion(chain.columns.index(name))) for i, name in turns]
 
     def one(k: int) -> np.ndarray:
-        q = np.zeros((len(axes[k]), len(chain.columns)))
-        q[:, : chain.count] = axes[k]
-        still, out = reading_in(problem.tests[k], q, plant.geometry), []
-        for letter in chain.linear:
-            i = chain.index(letter)
-            shapes = _shapes(axes[k][:, i], covered[:, i].min(), covered[:, i].max())
-            for m in (m for m in chain.motions if m.axis == letter and m.name in chain.angular):
-                turned = q.copy()
-                turned[:, chain.columns.index(m.name)] = _TURN
-                arm = (reading_in(problem.tests[k], turned, plant.geometry) - still) / _TURN
-                out.append(arm[:, None] * shapes)
-        return np.hstack(out)
+        places = linear.loads[k]
+        return np.hstack(
+            [arm[k][:, None] * _shapes(places[:, i], covered[:, i].min(), covered[:, i].max()) for i, arm in arms]
+        )
 
     return CommonError("slide_turns", _USUAL, problem.map(one))
 
