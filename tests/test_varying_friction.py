@@ -117,7 +117,7 @@ def test_a_drive_with_friction_that_varies_much_is_that_of_the_generator(problem
 
 
 def test_a_machine_whose_friction_varies_is_sound_and_told_so(problem, tmp_path):
-    """Without these shapes the model names three torque ripples and five curves of unknown causes."""
+    """Without these shapes the model names three torque ripples and has four curves of unknown causes."""
     tests, machine = problem
     assert "friction_varies" not in explain(Separated(tests, machine, ())).common
     varying, machine = problem_of(tmp_path, 0.2)

@@ -521,7 +521,7 @@ class RestSearch(Search[RestProblem]):
 
         def logs(which) -> np.ndarray:
             best = [none + max(linear.total(s) for s in which) for none, linear, _ in hypotheses.levels]
-            return np.array(best) + [_log_mass(sizes, noise) - sizes.log_prior for sizes in grid]
+            return np.array(best) + [_log_mass(sizes, noise) - self.discrepancy.log_prior(sizes) for sizes in grid]
 
         for i in np.argsort(-logs(sets))[:3]:
             sets.append(hypotheses.levels[i][1].best_set(hypotheses.present))

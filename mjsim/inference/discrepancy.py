@@ -100,27 +100,17 @@ class Sizes:
         fast: σ_r, m.
         factor: Noise of each test over the campaign's, (tests,).
         common: RMS of what each common error leaves in the readings, m.
-        usual: That of an ordinary machine in these tests, m.
     """
 
     slow: float
     fast: float
     factor: np.ndarray
     common: tuple[float, ...] = ()
-    usual: tuple[float, ...] = ()
 
     @property
     def rms(self) -> float:
         """RMS of the discrepancy in a test, m."""
         return math.hypot(self.slow, self.fast, *self.common)
-
-    @property
-    def log_prior(self) -> float:
-        """Logarithm of the prior density of the sizes: half-Cauchy, of common errors half-normal, but for a
-        constant.
-        """
-        own = -math.log1p((self.slow / USUAL) ** 2) - math.log1p((self.fast / USUAL) ** 2)
-        return own - 0.5 * sum((size / usual) ** 2 for size, usual in zip(self.common, self.usual, strict=True))
 
     def without_common(self) -> Sizes:
         """The same on a machine without any common error."""
@@ -170,8 +160,13 @@ class Discrepancy:
     @property
     def usual(self) -> Sizes:
         """Sizes that an ordinary machine leaves."""
-        usual = tuple(c.usual for c in self.common)
-        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), usual, usual)
+        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), tuple(c.usual for c in self.common))
+
+    def log_prior(self, sizes: Sizes) -> float:
+        """Logarithm of the prior density of sizes: half-Cauchy, of common errors half-normal, but for a constant."""
+        own = -math.log1p((sizes.slow / USUAL) ** 2) - math.log1p((sizes.fast / USUAL) ** 2)
+        rows = zip(sizes.common, self.common, strict=True)
+        return own - 0.5 * sum((size / c.usual) ** 2 for size, c in rows)
 
     @classmethod
     def of_tests(

@@ -331,7 +331,7 @@ class Hypotheses:
             cross = gram[:n, n:]
             left = gram[n:, n:] - cross.T @ ridge_solution(gram[:n, :n], cross, precision)
             linear = LinearEvidence(0.5 * (left + left.T), score[n:] - cross.T @ step, groups)
-            out.append((none + sizes.log_prior, linear, sizes))
+            out.append((none + model.discrepancy.log_prior(sizes), linear, sizes))
         return out
 
     @property

@@ -289,7 +289,7 @@ class LinearModel:
 
     def log_evidence(self, sizes: Sizes) -> float:
         """Log evidence of the data with the prior of the sizes."""
-        return marginalised(*self.normal(sizes), self.precision, self.departure)[0] + sizes.log_prior
+        return marginalised(*self.normal(sizes), self.precision, self.departure)[0] + self.discrepancy.log_prior(sizes)
 
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
