@@ -225,7 +225,7 @@ def draw_reliability(groups: dict[str, list[tuple[float, bool]]], file: Path) ->
         spread = np.abs(bounds - share)
         above.errorbar(x, share, spread, fmt="ko-", ms=5, lw=1.5, capsize=3, label=f"all ({len(names)}), 95 %")
     above.set(ylabel="share of names that are true", xlim=(0, 1), ylim=(-0.02, 1.02))
-    above.legend(fontsize=8, loc="upper left")
+    above.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
     edges = [b.low for b in reliability(everything)]
     below.bar(edges, [b.count for b in reliability(everything)], width=BINS[1], align="edge", color="0.75", ec="0.4")
     below.set(xlabel="probability that the diagnosis gives a name", ylabel="names")
