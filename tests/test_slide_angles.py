@@ -4,16 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent import campaign as generator
-from independent import real_machines
-from independent.layouts import layout
+from small_errors import small_errors_and
 
-from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.diagnosis import common_sentence
 from mjsim.effects.registry import make
 from mjsim.inference.findings import explain
-from mjsim.inference.problem import Problem
 from mjsim.inference.slide_angles import turns_of_slides
 from mjsim.inference.vibration import Separated
 from mjsim.machine.model import build
@@ -36,14 +31,8 @@ def problem_of(folder, urad):
         for axis in "XYZ"
         for about, s, q in zip(ABOUT, rng.standard_normal(3), rng.standard_normal(3), strict=True)
     ]
-    within = [*real_machines.within("M1", np.random.default_rng(7)), *(turns if urad else ())]
-    case = generator.Case(
-        "turns", "M1", tuple(layout("standard")), (), seed=7, within=tuple(within), tolerance_stated=True
-    )
-    generator.write_files(case, folder)
-    campaign = read_campaign(folder)
-    machine = read_machine(campaign.machine_file)
-    return Problem.of(campaign, build(machine), threads=2), machine, {e["id"]: e for e in within}
+    tests, machine, errors = small_errors_and(folder, turns if urad else ())
+    return tests, machine, {e["id"]: e for e in errors}
 
 
 @pytest.mark.parametrize("axis", "XYZ")

@@ -4,16 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from independent import campaign as generator
-from independent import drives, machines, real_machines
-from independent.layouts import layout
+from independent import drives, machines
+from small_errors import small_errors_and
 
-from mjsim.campaign.files import read_campaign
-from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.diagnosis import common_sentence
 from mjsim.effects.registry import effect_class
 from mjsim.inference.findings import explain
-from mjsim.inference.problem import Problem
 from mjsim.inference.samples import GRID_STEPS
 from mjsim.inference.varying_friction import variation_of_friction
 from mjsim.inference.vibration import Separated
@@ -37,14 +33,8 @@ def problem_of(folder, share):
         }
         for axis, order in zip(AXES, (1, 2, 1, 2, 1), strict=True)
     ]
-    within = [*real_machines.within("M1", np.random.default_rng(7)), *(varying if share else ())]
-    case = generator.Case(
-        "friction", "M1", tuple(layout("standard")), (), seed=7, within=tuple(within), tolerance_stated=True
-    )
-    generator.write_files(case, folder)
-    campaign = read_campaign(folder)
-    machine = read_machine(campaign.machine_file)
-    return Problem.of(campaign, build(machine), threads=2), machine
+    tests, machine, _ = small_errors_and(folder, varying if share else ())
+    return tests, machine
 
 
 @pytest.fixture(scope="module")

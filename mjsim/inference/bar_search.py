@@ -220,7 +220,7 @@ class BarSearch(Search[Problem]):
         some = (c for cls, subject in only for c in seeds_of(cls, subject, fitter.machine))
         self.seeds = [*some] if only else seeds(fitter.machine)
         self._common: tuple[CommonError, ...] = (turns_of_slides(fitter.problem, fitter.machine),)
-        self._shifts = [0.0] * len(fitter.problem.tests)
+        self._shifts: Sequence[float] = ()
         super().__init__(fitter, progress)
 
     def _begin(self, fitter: DataFitter[Problem]) -> None:

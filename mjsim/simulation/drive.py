@@ -183,10 +183,21 @@ def _level(p, om, th):
         w = om / p[_STRIBECK]
         g = g * (1.0 + (p[_STATIC] - 1.0) * math.exp(-w * w))
     if p[_VARIES] > 0.0:
-        g *= max(1.0 + th * (p[_LINEAR] + th * p[_QUADRATIC]), _LEAST)
+        g *= factor_of_place(p[_LINEAR], p[_QUADRATIC], th) * factor_of_direction(p[_DIRECTION], om)
         g *= 1.0 + p[_WAVE] * math.sin(p[_WAVE + 1] * th + p[_WAVE + 2])
-        g *= 1.0 + math.copysign(p[_DIRECTION], om * p[_DIRECTION])
     return g
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def factor_of_place(linear, quadratic, th):
+    """The factor of a motor angle on the friction level."""
+    return max(1.0 + th * (linear + th * quadratic), _LEAST)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def factor_of_direction(share, om):
+    """The factor of a direction of motion on the friction level."""
+    return 1.0 + math.copysign(share, om * share)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

@@ -9,7 +9,7 @@ from numba import njit
 
 from mjsim.machine.control import MOST_COEFFICIENTS
 from mjsim.machine.plant import AxisPlant
-from mjsim.simulation.drive import bristle
+from mjsim.simulation.drive import bristle, factor_of_direction, factor_of_place
 from mjsim.simulation.servo_filters import filters, position_part, samples_of_set_point, set_point_share
 
 # parameters of one axis
@@ -317,7 +317,7 @@ def _place(p, turned, th):
     """The factor of a motor angle on the friction level."""
     factor = 1.0
     if p[_LINEAR] != 0.0 or p[_QUADRATIC] != 0.0:
-        factor = max(1.0 + th * (p[_LINEAR] + th * p[_QUADRATIC]), 0.1)
+        factor = factor_of_place(p[_LINEAR], p[_QUADRATIC], th)
     if p[_WAVE] != 0.0:
         factor *= 1.0 + p[_WAVE] * turned[0, 0]
     return factor
@@ -327,7 +327,7 @@ def _place(p, turned, th):
 def _level(p, om, factor):
     """The friction level at which the bristles slide one way, N·m, with the factors of speed and angle on it."""
     g = p[_COULOMB] * factor
-    return g * (1.0 + math.copysign(p[_ASYMMETRY], om * p[_ASYMMETRY])) if p[_ASYMMETRY] != 0.0 else g
+    return g * factor_of_direction(p[_ASYMMETRY], om) if p[_ASYMMETRY] != 0.0 else g
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
