@@ -111,6 +111,16 @@ def test_the_unit_of_a_trace_without_reversals_shows_in_its_noise(backlash):
     assert (m.tests, m.unit) == (("rotary-c-tangential-cw",), "mm")
 
 
+def test_a_test_is_not_too_quiet_beside_the_waves_of_a_worm(backlash):
+    """A rotary test of C says nothing about the worm of A, whose waves of 3 µm are in all the others."""
+    campaign, machine = backlash
+    traces = {
+        name: t if name == "rotary-c-tangential-cw" else replace(t, deviation=t.deviation + 3e-6 * np.sin(15.0 * t.time))
+        for name, t in campaign.traces.items()
+    }
+    assert recognise(replace(campaign, traces=traces), machine).mistakes == ()
+
+
 def test_direction(measured):
     campaign, machine = measured
     wrong = replace(campaign, tests=tuple(kind_of(t).turned(t) if t.name == ASYMMETRIC else t for t in campaign.tests))

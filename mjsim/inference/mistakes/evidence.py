@@ -26,6 +26,8 @@ from mjsim.simulation.axes import AxesMotion
 _SHARP = 0.1
 #: Triggers that are tried, s: three standard deviations either way.
 _SHIFTS = np.arange(-12, 13) * GRID
+#: Median size of the second differences of white noise of variance one.
+_MEDIAN = 0.6745 * np.sqrt(6.0)
 #: Noise of a sample, m, against which the balls' priors are weighed.
 _NOISE = 0.1e-6
 #: What a model may leave in a test, m, and as how many independent values that counts: it must not drive the balls far
@@ -108,10 +110,11 @@ def spikes(variant: Variant, s: Samples, visible: float = MISTAKES.visible_spike
 
 
 def level(s: Samples) -> float:
-    """Typical size of a trace's sharp part, m: its noise, since spikes are rare."""
-    width = _SHARP / s.block
-    sharp = _sharp(s.mean, width)[s.good]
-    return float(np.median(np.abs(sharp))) if len(sharp) else 0.0
+    """Noise of a trace's blocks, m: from their second differences, in which a machine shows next to nothing. What is
+    sharp beside that is the machine's: the waves of a worm are in the tests that turn it and in no other.
+    """
+    kinks = np.abs(np.diff(s.mean, 2))[s.good[2:] & s.good[1:-1] & s.good[:-2]]
+    return float(np.median(kinks)) / _MEDIAN if len(kinks) else 0.0
 
 
 def disagreement(parts: list[tuple[Variant, Samples, float]]) -> float:
