@@ -119,7 +119,7 @@ def test_what_has_been_explained_away_is_no_quiet_noise():
 @pytest.mark.parametrize("rings", [True, False])
 def test_a_structure_that_rings_makes_its_tests_louder_where_it_rings(tmp_path, rings):
     """Modes of spindle head and table, which are in no catalogue, on a machine that has its small errors only."""
-    chain_campaigns.write(chain_campaigns.ringing(rings), tmp_path)
+    chain_campaigns.write(chain_campaigns.ringing(*[13.0, 13.0][: 2 * rings]), tmp_path)
     campaign = read_campaign(tmp_path)
     machine = read_machine(campaign.machine_file)
     search = BarSearch(Fitter(Problem.of(campaign, build(machine)), machine))

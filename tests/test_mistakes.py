@@ -115,7 +115,9 @@ def test_a_test_is_not_too_quiet_beside_the_waves_of_a_worm(backlash):
     """A rotary test of C says nothing about the worm of A, whose waves of 3 µm are in all the others."""
     campaign, machine = backlash
     traces = {
-        name: t if name == "rotary-c-tangential-cw" else replace(t, deviation=t.deviation + 3e-6 * np.sin(15.0 * t.time))
+        name: t
+        if name == "rotary-c-tangential-cw"
+        else replace(t, deviation=t.deviation + 3e-6 * np.sin(15.0 * t.time))
         for name, t in campaign.traces.items()
     }
     assert recognise(replace(campaign, traces=traces), machine).mistakes == ()

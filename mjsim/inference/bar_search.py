@@ -47,12 +47,13 @@ from mjsim.inference.search import (
     Model,
     Search,
     best_singles,
+    with_curves,
     with_priors_of_size,
 )
 from mjsim.inference.signatures import Candidate, Offer, Row, SignatureBank, seeds, seeds_of
 from mjsim.inference.slide_angles import turns_of_slides
 from mjsim.inference.spectrum import spectral_candidates
-from mjsim.inference.unknown_curves import Curve, best_curves
+from mjsim.inference.unknown_curves import Curve, ModesBeside, best_curves
 from mjsim.inference.varying_friction import variation_of_friction
 from mjsim.machine.effect import Effect
 from mjsim.machine.model import Machine
@@ -439,8 +440,8 @@ class BarSearch(Search[Problem]):
             base = self.base_of(model.sizes.without_common(), model.curves) if common else model.base
             beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
             own = {c.name for c in model.curves}  # they compete with other knots and priors in any case
-            modes = curves or any(c.term.mode for c in model.curves)
-            found = [c for _, c in best_curves(base, beside, self.plain, own, others=curves, modes=modes)]
+            modes_beside = [*self._modes_beside(model, base, beside, curves)]
+            found = [c for _, c in best_curves(base, beside, self.plain, own, curves, modes_beside)]
             competing += [c for c in found if not any(map(c.is_like, model.curves))]
         bank, products = self.signatures_at(model)
         if model.curves:
@@ -448,6 +449,16 @@ class BarSearch(Search[Problem]):
         further = self._further(model, bank)
         design = self.discrepancy.plain(model.fit)
         return Hypotheses(model.fit, design, bank, products, model.expected, levels, competing, further)
+
+    def _modes_beside(self, model: Model[Problem], base: Problem, fit: Fit, others: bool) -> Iterator[ModesBeside]:
+        """Beside what modes of the structure compete: those of the model each beside the rest of them, and ``others``
+        beside all of them.
+        """
+        modes = [c for c in model.curves if c.term.mode]
+        for some, mode in [*(([c for c in modes if c is not m], m.term) for m in modes), (modes, None)]:
+            if mode is not None or others:
+                data = with_curves(base, some)
+                yield data, fit if data is base else self.whitened_by(model, data), mode
 
     def _further(self, model: Model[Problem], bank: SignatureBank) -> Callable[[list[Row]], Iterable[Offer]]:
         """What gives the candidates beside a model that are not among the seeds."""

@@ -118,6 +118,11 @@ class CurveTerm:
         return self.columns.mode if isinstance(self.columns, SwingColumns) else ()
 
     @property
+    def found_at(self) -> float:
+        """Frequency at which a mode was found first, Hz; 0 for a curve."""
+        return self.columns.found_at if isinstance(self.columns, SwingColumns) else 0.0
+
+    @property
     def unit(self) -> float:
         """Size of a coefficient of 1, m or rad."""
         return unit_of(self.moves)
@@ -446,10 +451,12 @@ class SwingColumns(Columns):
     Attributes:
         of_tests: Per test, (m, k).
         mode: Frequency, Hz, and damping ratio.
+        found_at: Frequency at which it was found first, Hz, before it was moved to a better one.
     """
 
     of_tests: Sequence[np.ndarray]
     mode: tuple[float, float]
+    found_at: float
 
     def __len__(self) -> int:
         return len(self.of_tests)

@@ -7,6 +7,9 @@ Every machine has such modes, and no data sheet states them. One mode is a mass 
 with a the acceleration of what the axes move. How far each of these swings the spindle against the table in each
 direction is free: these are the coefficients of a mode beside its frequency and damping. Far below its frequency, or
 without a peak, it is the sag of a structure under its own inertia: that is no mode, but a curve of an acceleration.
+
+Two modes of near frequencies look like one that is damped more. So a further mode is looked for beside those that a
+model has, and each of these is then moved to where it explains most beside the others.
 """
 
 from __future__ import annotations
@@ -87,8 +90,14 @@ class Modes:
 
         self._driving = problem.map(one)
 
-    def of(self, frequency: float, damping: float) -> CurveTerm:
-        """The term of one mode. With a coefficient of 1 it swings by 1 µm at most."""
+    def of(self, frequency: float, damping: float, found_at: float = 0.0) -> CurveTerm:
+        """The term of one mode. With a coefficient of 1 it swings by 1 µm at most.
+
+        Args:
+            frequency: Undamped, Hz.
+            damping: Damping ratio.
+            found_at: Frequency at which it was found first, Hz; 0 where that is its own.
+        """
         moved = [swing(a, frequency, damping, GRID) for a in self._driving]
         scale = UM / max(max(float(np.abs(u).max()) for u in moved), 1e-12)
         rows = [
@@ -96,7 +105,8 @@ class Modes:
             for mean, along, u in zip(self._means, self._along, moved, strict=True)
         ]
         knots = np.arange(self._driving[0].shape[1] * self._along[0].shape[1])
-        return CurveTerm("", STRUCTURE, SWING, knots, None, SwingColumns(rows, (frequency, damping)))
+        columns = SwingColumns(rows, (frequency, damping), found_at or frequency)
+        return CurveTerm("", STRUCTURE, SWING, knots, None, columns)
 
     def best(self, evidence: Callable[[CurveTerm], float]) -> list[CurveTerm]:
         """The modes that explain most, each at its best frequency and damping.
@@ -108,17 +118,24 @@ class Modes:
         inside = range(1, len(coarse) - 1)
         peaks = [i for i in inside if coarse[i] > 0.0 and coarse[i] == max(coarse[i - 1 : i + 2])]
         best = sorted(peaks, key=lambda i: -coarse[i])[:_CLOSER]
-        refined = self._workers.map(lambda i: self._refined(i, evidence), best)
-        return [term for term in refined if term.mode and term.mode[1] < _DAMPING]
+        return self._workers.map(lambda i: self._moved(_FREQUENCIES[i], 0.5 * _DAMPING, 0.0, evidence), best)
 
-    def _refined(self, i: int, evidence: Callable[[CurveTerm], float]) -> CurveTerm:
-        """The mode near the ``i``-th frequency at its best."""
-        begin = np.log([_FREQUENCIES[i], 0.5 * _DAMPING])
+    def moved(self, term: CurveTerm, evidence: Callable[[CurveTerm], float]) -> CurveTerm:
+        """A mode at the frequency and damping near its own that explain most.
 
+        Args:
+            term: The mode.
+            evidence: Log evidence of a term.
+        """
+        return self._moved(*cast(tuple[float, float], term.mode), term.found_at, evidence)
+
+    def _moved(
+        self, frequency: float, damping: float, found_at: float, evidence: Callable[[CurveTerm], float]
+    ) -> CurveTerm:
         def at(x: np.ndarray) -> CurveTerm:
             frequency, damping = np.exp(x).tolist()
-            return self.of(frequency, min(damping, _DAMPING))
+            return self.of(frequency, min(damping, _DAMPING), found_at)
 
-        simplex = begin + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, -0.7]])
+        simplex = np.log([frequency, damping]) + np.array([[0.0, 0.0], [0.04, 0.0], [0.0, -0.7]])
         options = {"maxfev": 24, "initial_simplex": simplex, "xatol": 0.003, "fatol": 0.5}
-        return at(minimize(lambda x: -evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
+        return at(minimize(lambda x: -evidence(at(x)), simplex[0], method="Nelder-Mead", options=options).x)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,13 +84,14 @@ class Curve:
     def called(term: CurveTerm) -> str:
         """What a curve of such a term is called."""
         if term.mode:
-            return f"{STRUCTURE} at {term.mode[0]:.3g} Hz"
+            return f"{STRUCTURE} at {term.found_at:.3g} Hz"  # one mode, wherever it is moved
         period = f" / {term.period:.3g}" if term.period else ""
         return f"curve {term.axis or 'clock'} > {term.moves} {term.variable}{period}"
 
     def is_like(self, other: Curve) -> bool:
         """Whether both have the same term, prior and knots."""
-        return (self.name, self.prior, self.root.shape) == (other.name, other.prior, other.root.shape)
+        mine, theirs = ((c.name, c.term.mode, c.prior, c.root.shape) for c in (self, other))
+        return mine == theirs
 
     @property
     def present(self) -> bool:
@@ -191,8 +192,18 @@ def _root(covariance: np.ndarray) -> np.ndarray:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
+#: Data whitened as by a model with some modes of its structure, its fit so, and the mode that is moved to where it
+#: explains most beside them; ``None`` where all frequencies are looked at.
+ModesBeside = tuple[Problem, Fit, CurveTerm | None]
+
+
 def best_curves(
-    problem: Problem, fit: Fit, plain: Problem, own: Collection[str] = (), others: bool = True, modes: bool = False
+    problem: Problem,
+    fit: Fit,
+    plain: Problem,
+    own: Collection[str] = (),
+    others: bool = True,
+    modes_beside: Sequence[ModesBeside] = (),
 ) -> list[tuple[float, Curve]]:
     """Curves of largest evidence beside a model, the best first: log posterior odds and curve.
 
@@ -203,7 +214,7 @@ def best_curves(
         own: Names of the curves of the model: each of their priors that comes near the best competes, with the number
             of knots that suits it.
         others: Whether others compete as well, each with the prior that explains most.
-        modes: Whether modes of the structure compete.
+        modes_beside: Modes of the structure compete that explain most beside these.
     """
     terms, linear = CurveTerms(plain, fit), _BesideModel(problem, fit)
     contest = _Contest(linear, own)
@@ -244,8 +255,15 @@ def best_curves(
         teeth = fit.base.drives[axis].gear
         for term in filter(competes, terms.waves(axis, teeth)):
             contest.enter(term, [("teeth", root) for root in teeth_of(term, teeth)], odds[axis])
-    if modes:
-        for term in Modes(terms).best(lambda t: _evidence(*linear.of(t), np.eye(len(t.knots)))):
+    swings = Modes(terms) if modes_beside else None
+    for data, fitted, mode in modes_beside:
+        assert swings is not None
+        beside = linear if data is problem else _BesideModel(data, fitted)
+
+        def explains(t: CurveTerm, beside: _BesideModel = beside) -> float:
+            return _evidence(*beside.of(t), np.eye(len(t.knots)))
+
+        for term in [swings.moved(mode, explains)] if mode is not None else swings.best(explains):
             contest.enter(term, [("modes", np.eye(len(term.knots)))], _LOG_ODDS - math.log(3 * len(tried)))
     near = contest.near_the_best()
     distinct = {id(r.term): r.term for r in near}  # several priors of one curve share its rows

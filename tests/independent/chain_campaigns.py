@@ -271,11 +271,16 @@ def reading(
     return np.linalg.norm(bar, axis=1) - program.length + structure.read_eggs(machine, effects, at, program.ball)
 
 
-def ringing(rings: bool) -> ChainCase:
-    """A machine with its small errors and two tests. With ``rings``, spindle head and table have a mode at 13 Hz."""
-    mode = {"frequency_Hz": 13.0, "damping_ratio": 0.03, "along": [0.6, 0.5, 0.6], "share": 1.0}
-    nature = tuple({"id": f"structural_mode.{end}", **mode} for end in ("tool", "table"))
-    case = ChainCase("rings", "bc_trunnion", 4, real=True, kinds=("cone_frustum",), nature=nature if rings else ())
+def ringing(*frequencies: float) -> ChainCase:
+    """A machine with its small errors and two tests. Its spindle head and its table have modes of such frequencies, Hz;
+    none without them.
+    """
+    mode = {"damping_ratio": 0.03, "along": [0.6, 0.5, 0.6], "share": 1.0}
+    nature = tuple(
+        {"id": f"structural_mode.{end}", "frequency_Hz": f, **mode}
+        for end, f in zip(("tool", "table"), frequencies, strict=False)
+    )
+    case = ChainCase("rings", "bc_trunnion", 4, real=True, kinds=("cone_frustum",), nature=nature)
     return replace(case, plan=case.usual()[:2])
 
 
