@@ -1,5 +1,6 @@
 """Whitening, discrepancy, evidence of sets of hypotheses, and probabilities about sizes, against closed forms."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -149,7 +150,7 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     d = Discrepancy([basis], [own], [0.0 * own], common=common)
     prior = np.array([1.0, 4.0, 0.25])
     linear = LinearModel(Products(d, columns), rows, prior, np.zeros(3))
-    sizes = Sizes(1.0, 0.0, np.array([1.2]), (0.7, 0.0, 0.4))
+    sizes = Sizes(1.0, 0.0, np.array([1.2]), {"turns": 0.7, "bends": 0.4})
     left = 1.44 * np.eye(60) + basis @ own @ basis.T + 0.49 * turns @ turns.T + 0.16 * bends @ bends.T
     covariance = left + columns @ np.diag(1.0 / prior) @ columns.T
     white = d.whitening(sizes).of_rows(d.rows, np.eye(60))
@@ -157,6 +158,11 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     assert d.whitening(sizes).log_det == pytest.approx(np.linalg.slogdet(left)[1], abs=1e-3)
     expected = -0.5 * (rows @ np.linalg.solve(covariance, rows) + np.linalg.slogdet(covariance)[1])
     assert linear.log_evidence(sizes) - d.log_prior(sizes) == pytest.approx(expected)
+    one = replace(sizes, common=sizes.common | {"none": 0.2})
+    for name, slope in zip(one.common, linear._with_slopes(one)[1][[0, 2, 1]], strict=True):
+        more, less = (replace(one, common=one.common | {name: one.common[name] * f}) for f in (1.001, 1.0 / 1.001))
+        rise = (linear.log_evidence(more) - linear.log_evidence(less)) / (2.0 * np.log(1.001))
+        assert slope == pytest.approx(rise, rel=1e-3)
     further = rng.standard_normal((60, 2))
     wider = LinearModel(Products(d, columns).extended(further), rows, np.append(prior, [1.0, 1.0]), np.zeros(5))
     covariance = covariance + further @ further.T

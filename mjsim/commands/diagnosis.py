@@ -80,13 +80,16 @@ def common_sentence(data: Mapping[str, Any], calibrated: Iterable[str]) -> str:
             f"The slides turn by about {urad:.2g} µrad (RMS over 200 mm of travel), by roll, pitch and yaw that are in "
             "no effect of the model."
         )
-    if percent := data.get("friction_varies_percent"):
+    if shares := data.get("friction_varies_percent"):
+        axes = " and ".join(f"{percent:.2g} % on {axis}" for axis, percent in shares.items())
         told.append(
-            f"The friction varies by about {percent:.2g} % (RMS), with the direction, along the travel or in a turn of "
-            "the motors. It is in no effect of the model."
+            f"The friction varies by about {axes} (RMS), with the direction, along the travel or in a turn of the "
+            "motor. It is in no effect of the model."
         )
     if told:
-        told.append(f"That is a part of the residual above, and every interval counts {'both' if told[1:] else 'it'}.")
+        told.append(
+            f"That is a part of the residual above, and every interval counts {'all of it' if told[1:] else 'it'}."
+        )
     if urad and not any(i.startswith("angular_error.") for i in calibrated):
         told.append("With a limit of angular_error in [tolerance] of the machine file, each turn is fitted.")
     return " ".join(told)
@@ -164,7 +167,7 @@ class Diagnosis:
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
         discrepancy: RMS in a ball-bar test of what is in no model, m.
         common: Sizes of what every machine has a little of and no model has, by name: ``slide_turns``, rad RMS over 200
-            mm of travel; ``friction_varies``, RMS share of the friction. Only of those that the data show.
+            mm of travel; ``friction_varies.X``, RMS share of the friction of an axis. Only of those that the data show.
         at_rest: What was measured while the machine stood still, one for each instrument.
         budget: Where the uncertainty of every fitted number comes from.
         further: Curves of unknown causes that the model has beside ``unexplained``.
@@ -202,10 +205,12 @@ class Diagnosis:
         """What the tests show that every machine has a little of; empty where they show none."""
         return common_sentence(self._common_json(), (c.effect.effect.id for c in self.calibration))
 
-    def _common_json(self) -> dict[str, float]:
+    def _common_json(self) -> dict[str, Any]:
         return {
             "slide_turns_urad": _r(self.common.get("slide_turns", 0.0) / 1e-6),
-            "friction_varies_percent": _r(self.common.get("friction_varies", 0.0) / 1e-2),
+            "friction_varies_percent": {
+                name[-1]: _r(size / 1e-2) for name, size in self.common.items() if name.startswith("friction_varies")
+            },
         }
 
     @property

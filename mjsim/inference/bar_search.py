@@ -41,6 +41,7 @@ from mjsim.inference.search import (
     FITTED,
     LEAST,
     ROUNDS,
+    SEEN,
     STEPS,
     DataFitter,
     Found,
@@ -69,6 +70,8 @@ _SUSPECTED = 4.0
 _WON = 0.5
 #: Seeds of one effect that are tried in each direction, the best first.
 _SEEDS = 3
+#: Most times that what friction does is derived anew at the drives that are fitted beside it.
+_FOLLOWING = 4
 #: Waves of each axis that are looked at, the best of all orders; and most that one pitch error is given.
 _LOOKED_AT, _WAVES = 6, 12
 
@@ -220,8 +223,11 @@ class BarSearch(Search[Problem]):
         self.only = tuple(f"{cls.kind}.{subject}" for cls, subject in only)
         some = (c for cls, subject in only for c in seeds_of(cls, subject, fitter.machine))
         self.seeds = [*some] if only else seeds(fitter.machine)
+        # what all tests may show that is in no model: whatever the machine is, and as it is fitted
         self._common: tuple[CommonError, ...] = (turns_of_slides(fitter.problem, fitter.machine),)
+        self._varying: tuple[CommonError, ...] = ()
         self._shifts: Sequence[float] = ()
+        self._followed_last: Model[Problem] | None = None
         super().__init__(fitter, progress)
 
     def _begin(self, fitter: DataFitter[Problem]) -> None:
@@ -305,12 +311,30 @@ class BarSearch(Search[Problem]):
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
 
     def _discrepancy(self) -> Discrepancy:
-        return Discrepancy.of_tests(self.plain, self._common, self._shifts)
+        return Discrepancy.of_tests(self.plain, (*self._common, *self._varying), self._shifts)
 
     def _follow(self, fit: Fit) -> None:
         self._shifts = [self.plain.shift(k, fit.nuisance) for k in range(len(self.plain.tests))]
-        self._common = self._common[0], variation_of_friction(self.plain, fit.simulated_machine)
+        self._varying = tuple(variation_of_friction(self.plain, fit.simulated_machine))
         self._begin_with(self.plain.local)
+
+    def _followed(self, model: Model[Problem]) -> Model[Problem]:
+        """What friction that varies does to the readings depends on the drives, and these are fitted beside it. So both
+        are found in turn, where it can be seen and is most of what is left: as long as something larger is in no
+        model, the drives are fitted to that.
+        """
+        for _ in range(_FOLLOWING):
+            varies = math.hypot(*(model.sizes.common.get(e.name, 0.0) for e in self._varying))
+            most = max(SEEN * self.plain.noise.rms, math.hypot(model.sizes.slow, model.sizes.fast))
+            if model is self._followed_last or varies < most:
+                break
+            self._take_noise_of(model)
+            self._follow(model.fit)
+            before, model = model.evidence, self._settled(model)
+            if abs(model.evidence - before) < LEAST:
+                break
+        self._followed_last = model
+        return model
 
     def _discrepancy_beside(self, curves: Sequence[Curve]) -> Discrepancy:
         curves = [c for c in curves if not c.term.mode]
@@ -364,13 +388,13 @@ class BarSearch(Search[Problem]):
         """The model at better triggers, where it fits better there."""
         better = retimed(model.problem, model.fit)
         if better is None:
-            return model
+            return self._followed(model)
         fitter = self.fitter.with_problem(model.problem)
         fit = fitter.fit(better.effects, start=better, exact=True, iterations=STEPS, fresh=False)
         if fit.objective >= model.fit.objective - 1.0:
-            return model
+            return self._followed(model)
         self._follow(fit)
-        return self._settled(replace(model, fit=fit), 0)
+        return self._followed(self._settled(replace(model, fit=fit), 0))
 
     @property
     def _of_noise(self) -> float:
@@ -436,7 +460,7 @@ class BarSearch(Search[Problem]):
         competing = [*model.curves]
         if curves or model.curves:
             # as long as a curve is in no model, common errors stand for a part of it
-            common = any(model.sizes.common)
+            common = any(model.sizes.common.values())
             base = self.base_of(model.sizes.without_common(), model.curves) if common else model.base
             beside = model.fit if model.fit.whitening is base.whitening else self.whitened_by(model, base)
             own = {c.name for c in model.curves}  # they compete with other knots and priors in any case
@@ -478,7 +502,7 @@ class BarSearch(Search[Problem]):
         """
         known = {c.key: c for c in calibrated_effects(self.machine)}
         self._follow(fit)
-        model, found = self._settled(Model(known, fit, self.plain, self._usual)), None
+        model, found = self._followed(self._settled(Model(known, fit, self.plain, self._usual))), None
         given = self.machine.effect(self.only[0])
         if given is not None and given.search.scanned and not given.is_neutral:  # its own waves before any other
             free = EffectVector(given, given.search.free_of(given.parameters_of(given.subject)))
@@ -506,7 +530,7 @@ class BarSearch(Search[Problem]):
         """
         fit = self.fitter.fit(list(effects), exact=False, iterations=FIRST)
         self._follow(fit)
-        model = self._renoised(self._settled(self._model_of(fit, expected)))
+        model = self._renoised(self._followed(self._settled(self._model_of(fit, expected))))
         return replace(model, fit=self.whitened_by(model, model.problem))
 
     def log_odds(self, model: Model[Problem], effect_id: str) -> float:

@@ -29,8 +29,8 @@ The rest of the package sees all this as whitening (:mod:`mjsim.inference.whiten
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -54,6 +54,8 @@ _INSTANT = 0.06
 _JUMP, _MOST_JUMPS = 0.05, 150
 #: Size over the noise below which a direction of a jump's errors is left out.
 _UNSEEN = 0.03
+#: Smallest size that is tried, m. Below it nothing is seen, and a common error that usually leaves less is left out.
+SMALLEST = 3e-9
 #: Half-width of the half-Cauchy prior of both sizes, m: what an ordinary machine leaves (assumed).
 USUAL = 0.3e-6
 
@@ -99,28 +101,28 @@ class Sizes:
         slow: σ_s, m.
         fast: σ_r, m.
         factor: Noise of each test over the campaign's, (tests,).
-        common: RMS of what each common error leaves in the readings, m.
+        common: RMS of what each common error leaves in the readings, m, by its name.
     """
 
     slow: float
     fast: float
     factor: np.ndarray
-    common: tuple[float, ...] = ()
+    common: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rms(self) -> float:
         """RMS of the discrepancy in a test, m."""
-        return math.hypot(self.slow, self.fast, *self.common)
+        return math.hypot(self.slow, self.fast, *self.common.values())
 
     def without_common(self) -> Sizes:
         """The same on a machine without any common error."""
-        return replace(self, common=tuple(0.0 for _ in self.common))
+        return replace(self, common={})
 
     def times(self, share: float) -> Sizes:
         """Sizes where ``share`` is left of the discrepancy, and of what makes tests louder than the campaign."""
         louder = np.maximum(self.factor**2 - 1.0, 0.0)
         factor = np.sqrt(self.factor**2 - louder + share**2 * louder)
-        common = tuple(share * size for size in self.common)
+        common = {name: share * size for name, size in self.common.items()}
         return replace(self, slow=share * self.slow, fast=share * self.fast, common=common, factor=factor)
 
     def left(self, noise: float) -> float:
@@ -160,13 +162,12 @@ class Discrepancy:
     @property
     def usual(self) -> Sizes:
         """Sizes that an ordinary machine leaves."""
-        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), tuple(c.usual for c in self.common))
+        return Sizes(USUAL, USUAL, np.ones(len(self.basis)), {c.name: c.usual for c in self.common})
 
     def log_prior(self, sizes: Sizes) -> float:
         """Logarithm of the prior density of sizes: half-Cauchy, of common errors half-normal, but for a constant."""
         own = -math.log1p((sizes.slow / USUAL) ** 2) - math.log1p((sizes.fast / USUAL) ** 2)
-        rows = zip(sizes.common, self.common, strict=True)
-        return own - 0.5 * sum((size / c.usual) ** 2 for size, c in rows)
+        return own - 0.5 * sum((sizes.common.get(c.name, 0.0) / c.usual) ** 2 for c in self.common)
 
     @classmethod
     def of_tests(
@@ -186,7 +187,7 @@ class Discrepancy:
             slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
             fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
         found = (_common(problem, error, shifts or [0.0] * len(problem.tests)) for error in errors)
-        return cls(bases, slow, fast, (), [c for c in found if c.reach > 0.0])
+        return cls(bases, slow, fast, (), [c for c in found if c.usual > SMALLEST])
 
     def beside_curves(self, problem: Problem, readings: Sequence[Sequence[np.ndarray]]) -> Discrepancy:
         """The same where the model has curves of unknown causes.
@@ -223,7 +224,7 @@ class Discrepancy:
 
     def told(self, sizes: Sizes, least: float) -> dict[str, float]:
         """Sizes of common errors in their own units, by name: of those that leave more than ``least`` m (RMS)."""
-        rows = zip(self.common, sizes.common, strict=True)
+        rows = ((c, sizes.common.get(c.name, 0.0)) for c in self.common)
         return {c.name: size / c.reach for c, size in rows if size > least}
 
     @property
@@ -245,7 +246,7 @@ class Discrepancy:
             parts.append((basis @ vectors, shrink))
             log_det += more
         own = Whitening(sizes.factor, tuple(parts), (), log_det)
-        there = [size * c.columns for c, size in zip(self.common, sizes.common, strict=True) if size]
+        there = [size * c.columns for c in self.common if (size := sizes.common.get(c.name, 0.0))]
         return own.beside(own.of_rows(self.rows, np.hstack(there))) if there else own
 
     def plain(self, fit: Fit) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,6 @@ The largest evidence says the sizes.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -20,12 +19,17 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 from scipy.sparse import csr_array, hstack
 
-from mjsim.inference.discrepancy import Discrepancy, Sizes
+from mjsim.inference.discrepancy import SMALLEST, Discrepancy, Sizes
 
 #: Degrees of freedom of the prior of a test's noise factor: it is known as well as 30 values would tell (assumed).
 _KNOWN_NOISE = 30
-#: Largest and smallest size that is tried, m. Below the smallest nothing is seen of it.
-_LARGEST, _SMALLEST = 1e-3, 3e-9
+#: Largest size that is tried, m.
+_LARGEST = 1e-3
+#: Size from which one is looked for at least, m; how far its logarithm may go in one search, and by how much it is
+#: changed for a slope.
+_SEEN, _FAR, _NUDGE = 0.03e-6, math.log(30.0), 1e-3
+#: Most searches, most steps of each, and the gain below which they end, nats.
+_SEARCHES, _STEPS, _NEAR = 4, 25, 0.02
 
 
 @dataclass(frozen=True)
@@ -201,7 +205,9 @@ class LinearModel:
         self._all = products.extended(*shared)
         ends = products.dense + np.cumsum([0, *(columns.shape[1] for columns in shared)])
         #: Places of the columns of each common error.
-        self._shared = [np.arange(a, b) for a, b in pairwise(ends.tolist())]
+        self._shared = {
+            c.name: np.arange(a, b) for c, (a, b) in zip(self.discrepancy.common, pairwise(ends.tolist()), strict=True)
+        }
         self._along, self._live, self._across = [], [], []
         factors = {sizes.factor.tobytes(): sizes.factor for sizes in only}
         totals = {key: self._nothing() for key in factors}
@@ -270,67 +276,101 @@ class LinearModel:
         """
         return self._without_common(sizes)[0]
 
-    def _without_common(self, sizes: Sizes) -> tuple[tuple[np.ndarray, np.ndarray, float, float], np.ndarray]:
-        """What :meth:`normal` says, and what common errors follow from columns and residual, (shapes, p + 1) m."""
+    def _without_common(
+        self, sizes: Sizes
+    ) -> tuple[tuple[np.ndarray, np.ndarray, float, float], np.ndarray, np.ndarray]:
+        """What :meth:`normal` says; what common errors follow from columns and residual, (shapes, p + 1) m; and the
+        variances of their amplitudes beside that, (shapes,) m².
+        """
         total, log_det = self._weighted(sizes)
-        first, count = self.products.dense, sum(map(len, self._shared))
+        first, count = self.products.dense, sum(map(len, self._shared.values()))
         others = np.delete(total, slice(first, first + count), axis=0)
         rest = np.delete(others, slice(first, first + count), axis=1)
-        follow = np.zeros((count, len(rest)))
-        there = [(at, np.full(len(at), size)) for at, size in zip(self._shared, sizes.common, strict=True) if size]
+        follow, variance = np.zeros((count, len(rest))), np.zeros(count)
+        sized = ((at, sizes.common.get(name, 0.0)) for name, at in self._shared.items())
+        there = [(at, np.full(len(at), size)) for at, size in sized if size]
         if there:
             mine, deviation = map(np.concatenate, zip(*there, strict=True))
             cross = others[:, mine]
             factor = cho_factor(total[np.ix_(mine, mine)] + np.diag(deviation**-2.0), lower=True)
-            follow[mine - first] = cho_solve(factor, cross.T)
+            inverse = cho_solve(factor, np.eye(len(mine)))
+            follow[mine - first], variance[mine - first] = inverse @ cross.T, np.diag(inverse)
             log_det += 2.0 * float(np.log(deviation * np.diag(factor[0])).sum())
             rest = rest - cross @ follow[mine - first]
-        return (rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), log_det), follow
+        return (rest[:-1, :-1], rest[:-1, -1], float(rest[-1, -1]), log_det), follow, variance
 
     def log_evidence(self, sizes: Sizes) -> float:
         """Log evidence of the data with the prior of the sizes."""
         return marginalised(*self.normal(sizes), self.precision, self.departure)[0] + self.discrepancy.log_prior(sizes)
 
+    def _with_slopes(self, sizes: Sizes) -> tuple[float, np.ndarray]:
+        """The log evidence, and its slopes by the logarithms of the sizes of common errors, which follow from what the
+        data say of their amplitudes (Fisher's identity).
+        """
+        normal, follow, variance = self._without_common(sizes)
+        evidence, step = marginalised(*normal, self.precision, self.departure)
+        factor = cho_factor(normal[0] + np.diag(self.precision), lower=True)
+        by_parameters = follow[:, :-1]
+        square = (follow @ np.append(-step, 1.0)) ** 2 + variance
+        square += np.einsum("ij,ji->i", by_parameters, cho_solve(factor, by_parameters.T))
+        first, slopes = self.products.dense, []
+        for c in self.discrepancy.common:
+            at, size = self._shared[c.name], sizes.common[c.name]
+            slopes.append(float(square[at - first].sum()) / size**2 - len(at) - (size / c.usual) ** 2)
+        return evidence + self.discrepancy.log_prior(sizes), np.array(slopes)
+
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
         # the noise before the sizes: what is outside the basis would drive them up without end
-        sizes = self._best_sizes(replace(start, factor=self._noise_factors(start)), 0.7)
+        sizes = self._best_sizes(replace(start, factor=self._noise_factors(start)))
         for _ in range(2):
             before, sizes = sizes, replace(sizes, factor=self._noise_factors(sizes))
             if np.abs(np.log(sizes.factor / before.factor)).max() < 0.02:
                 break
-            sizes = self._best_sizes(sizes, 0.2)  # with other noise factors they move little
+            sizes = self._best_sizes(sizes)  # with other noise factors they move little
         return sizes, self.log_evidence(sizes)
 
-    def _best_sizes(self, start: Sizes, side: float) -> Sizes:
-        """The sizes of the discrepancy of largest evidence at the noise factors of ``start``, looked for at first in
-        steps of ``side`` of their logarithms.
-        """
+    def _best_sizes(self, start: Sizes) -> Sizes:
+        """The sizes of the discrepancy of largest evidence at the noise factors of ``start``."""
+
+        names = [*self._shared]
 
         def of(values: Sequence[float]) -> Sizes:
-            return replace(start, slow=values[0], fast=values[1], common=tuple(values[2:]))
+            return replace(start, slow=values[0], fast=values[1], common=dict(zip(names, values[2:], strict=True)))
 
-        def at(x: np.ndarray) -> Sizes:
-            return of(np.clip(np.exp(x), _SMALLEST, _LARGEST).tolist())
+        def downhill(x: np.ndarray) -> tuple[float, np.ndarray]:
+            here, slopes = self._with_slopes(of(np.exp(x).tolist()))
+            own = [self.log_evidence(of(np.exp(x + _NUDGE * (np.arange(len(x)) == i)).tolist())) for i in range(2)]
+            return -here, -np.concatenate([(np.array(own) - here) / _NUDGE, slopes])
 
-        begin = np.log(np.maximum([start.slow, start.fast, *start.common], 0.03e-6))
-        simplex = begin - side * np.vstack([np.zeros(len(begin)), np.eye(len(begin))])
-        options = {"xatol": 0.15, "fatol": 0.2, "maxfev": 30 * len(begin), "initial_simplex": simplex}
-        best = at(minimize(lambda x: -self.log_evidence(at(x)), begin, method="Nelder-Mead", options=options).x)
-        values = [best.slow, best.fast, *best.common]
-        kept = itertools.product((1.0, 0.0), repeat=len(values))
-        return max((of([v * k for v, k in zip(values, row, strict=True)]) for row in kept), key=self.log_evidence)
+        known = [start.slow, start.fast, *(start.common.get(n, 0.0) for n in names)]
+        least = [_SEEN, _SEEN, *(min(_SEEN, c.usual) for c in self.discrepancy.common)]
+        x, low, high = np.log(np.maximum(known, least)), math.log(SMALLEST), math.log(_LARGEST)
+        options = {"maxiter": _STEPS, "ftol": _NEAR / max(abs(self.log_evidence(start)), 1.0)}
+        for _ in range(_SEARCHES):  # the first slopes lead much too far
+            near = np.clip(np.add.outer([-_FAR, _FAR], x), low, high)
+            before, x = x, minimize(downhill, x, jac=True, method="L-BFGS-B", bounds=near.T, options=options).x
+            if np.abs(x - before).max() < 0.99 * _FAR:
+                break
+        values = np.exp(x)
+        best = of(values.tolist())
+        evidence = self.log_evidence(best)
+        for i in range(len(values)):  # what the data do not show is not there
+            without = values * (np.arange(len(values)) != i)
+            if (least := self.log_evidence(of(without.tolist()))) >= evidence:
+                values, best, evidence = without, of(without.tolist()), least
+        return best
 
     def rest(self, sizes: Sizes) -> np.ndarray:
         """What the model leaves at its best values, with what repeats in each test but without common errors,
         (count,).
         """
-        normal, follow = self._without_common(sizes)
+        normal, follow, _ = self._without_common(sizes)
         _, step = marginalised(*normal, self.precision, self.departure)
         left, first = self.residual - self.products.times(step), self.products.dense
         amplitudes = follow @ np.append(-step, 1.0)
-        for at, c in zip(self._shared, self.discrepancy.common, strict=True):
-            left -= c.columns @ amplitudes[at - first]
+        for c in self.discrepancy.common:
+            left -= c.columns @ amplitudes[self._shared[c.name] - first]
         return left
 
     def _noise_factors(self, sizes: Sizes) -> np.ndarray:

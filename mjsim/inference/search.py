@@ -415,6 +415,10 @@ class Search(Ascent[Model[D]]):
     def _follow(self, fit: Fit) -> None:
         """What the data may show that is in no model, for a machine and triggers as in a fit."""
 
+    def _followed(self, model: Model[D]) -> Model[D]:
+        """A settled model beside what the data may show at its own machine."""
+        return model
+
     @abstractmethod
     def _beside(self, model: Model[D], levels: Sequence[Sizes], curves: bool) -> Hypotheses:
         """Everything beside a model; ``curves`` says whether unknown causes that it does not have compete as well."""
@@ -484,7 +488,8 @@ class Search(Ascent[Model[D]]):
         self.progress("fitting the machine as given" if not expected else "fitting what its class has", 0, 1)
         fit = self._first([c.free for c in expected])
         self._follow(fit)
-        return self._settled(self._cleaned(self._model_of(fit, {c.key: c for c in expected})))
+        model = self._settled(self._cleaned(self._model_of(fit, {c.key: c for c in expected})))
+        return self._followed(model)
 
     def _model_of(self, fit: Fit, expected: dict[str, Calibrated]) -> Model[D]:
         """A fit as a model, with priors of its effects' sizes, before it is settled.

@@ -4,6 +4,9 @@ Every real slide turns by some µrad (ISO 230-1: angular error motion). Over the
 balls that is a displacement. It is the same in all tests that pass a place, and differs from test to test with the arm.
 A model without it believes locations, straightness and squareness too much, and names one where a slide turns.
 
+Where its functional point is not known well, a turn also moves what the slide carries: across the axis, where that is a
+straightness, and along it.
+
 A shape is a polynomial of the slide's place (Legendre's, over the travel that the tests cover), and zero where the axis
 stands at zero. Whether a machine has such turns, and how large they are, the evidence says
 (:mod:`mjsim.inference.discrepancy`).
@@ -28,6 +31,8 @@ _HALF = 0.1
 #: Turn of an ordinary slide, RMS over 200 mm of travel, rad: what is there of the 60 µrad over 500 mm that ISO 10791-1
 #: allows (assumed).
 _USUAL = 6e-6
+#: How far a slide's functional point may be from where the machine file has it, across the axis, m (assumed).
+_ARM = 0.3
 
 
 def turns_of_slides(problem: Problem, machine: Machine) -> CommonError:
@@ -39,8 +44,10 @@ def turns_of_slides(problem: Problem, machine: Machine) -> CommonError:
     """
     linear, chain = Linearisation(problem, replace(machine, effects=()), np.zeros(0)), machine.chain
     covered = np.vstack(linear.loads)
-    turns = [(chain.index(a), name) for a in chain.linear for name in chain.error_motion(a) if name in chain.angular]
-    arms = [(i, linear.by_motion(chain.columns.index(name))) for i, name in turns]
+    arms = []
+    for i, a in ((chain.index(a), a) for a in chain.linear):
+        arms += [(i, linear.by_motion(chain.columns.index(n))) for n in chain.error_motion(a) if n in chain.angular]
+        arms.append((i, [_ARM * s.axes[:, i] for s in problem.sensitivity]))
 
     def one(k: int) -> np.ndarray:
         places = linear.loads[k]

@@ -5,7 +5,8 @@ Every drive has such friction: a lubricant film, a preload that changes along a 
 little bent. What is diagnosed has one number for the friction of an axis. A model without the rest takes it for a
 torque ripple, for another gain, or for a curve of an unknown cause.
 
-A shape is a factor on the friction level by one function of the motion:
+Each axis has a size of its own: one worn screw says nothing about the others. A shape is a factor on the friction level
+by one function of the motion:
 
     way       the sign of the axis' motion
     travel    waves of the axis' place that are long beside a turn of the motor, over the travel that the tests cover
@@ -17,7 +18,9 @@ travel is no more than its level at each reversal.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -40,8 +43,8 @@ _PART = 0.02
 _USUAL = 0.2
 
 
-def variation_of_friction(problem: Problem, machine: Machine) -> CommonError:
-    """Every shape in which the friction of an axis may vary; the size is the RMS share of the friction.
+def variation_of_friction(problem: Problem, machine: Machine) -> Iterator[CommonError]:
+    """Every shape in which the friction of each axis may vary; the size is the RMS share of the friction.
 
     Args:
         problem: The measured tests.
@@ -49,34 +52,35 @@ def variation_of_friction(problem: Problem, machine: Machine) -> CommonError:
     """
     linear = Linearisation(problem, machine, np.zeros(0))
     plant = linear.plant
-    columns = [i for i, a in enumerate(plant.chain.letters) if plant.axes[a].coulomb]
-    covered = {i: (min(q[:, i].min() for q in linear.loads), max(q[:, i].max() for q in linear.loads)) for i in columns}
+    for i, letter in enumerate(plant.chain.letters):
+        low, high = min(q[:, i].min() for q in linear.loads), max(q[:, i].max() for q in linear.loads)
+        if high == low or not plant.axes[letter].coulomb:
+            continue
+        shapes = partial(_of_axis, linear, letter, low, high)
+        yield CommonError(f"friction_varies.{letter}", _USUAL, problem.map(shapes))
 
-    def of_axis(k: int, i: int) -> np.ndarray:
-        letter, place = plant.chain.letters[i], linear.loads[k][:, i]
-        axis = replace(plant.axes[letter], friction_ripple=(0.0, 1.0, 0.0))
-        if not problem.motions[k].moves[i]:
-            return np.zeros((len(place), _SHAPES))
 
-        def reading(**changed: object) -> np.ndarray:
-            drive = replace(axis, **changed)
-            return linear.of_drive(k, replace(plant, axes={**plant.axes, letter: drive}), letter)
+def _of_axis(linear: Linearisation, letter: str, low: float, high: float, k: int) -> np.ndarray:
+    """What the shapes of an axis that travels from ``low`` to ``high`` leave in test ``k``, (n, _SHAPES) m."""
+    plant, i = linear.plant, linear.plant.chain.index(letter)
+    place = linear.loads[k][:, i]
+    if not linear.problem.motions[k].moves[i]:
+        return np.zeros((len(place), _SHAPES))
+    axis = replace(plant.axes[letter], friction_ripple=(0.0, 1.0, 0.0))
 
-        given = reading()
+    def reading(**changed: object) -> np.ndarray:
+        drive = replace(axis, **changed)
+        return linear.of_drive(k, replace(plant, axes={**plant.axes, letter: drive}), letter)
 
-        def by(**changed: object) -> np.ndarray:
-            return (reading(**changed) - given) / _PART
+    given = reading()
 
-        low, high = covered[i]
-        way = by(asymmetry=axis.asymmetry + _PART)
-        level = by(friction_ripple=(_PART, 0.0, 0.5 * np.pi))
-        # while the level changes slowly, it is that of the place
-        travel = level[:, None] * np.cos(np.pi * np.outer((place - low) / (high - low), _LONG))
-        turn = [by(friction_ripple=(_PART, n, phase)) for n in _ORDERS for phase in (0.0, 0.5 * np.pi)]
-        each = np.sqrt([_WAY, 2.0 * _TRAVEL / len(_LONG), _TURN / len(_ORDERS)])
-        return np.column_stack([each[0] * way, each[1] * travel, *(each[2] * wave for wave in turn)])
+    def by(**changed: object) -> np.ndarray:
+        return (reading(**changed) - given) / _PART
 
-    def of_test(k: int) -> np.ndarray:
-        return np.hstack([np.zeros((len(linear.loads[k]), 0)), *(of_axis(k, i) for i in columns)])
-
-    return CommonError("friction_varies", _USUAL, problem.map(of_test))
+    way = by(asymmetry=axis.asymmetry + _PART)
+    level = by(friction_ripple=(_PART, 0.0, 0.5 * np.pi))
+    # while the level changes slowly, it is that of the place
+    travel = level[:, None] * np.cos(np.pi * np.outer((place - low) / (high - low), _LONG))
+    turn = [by(friction_ripple=(_PART, n, phase)) for n in _ORDERS for phase in (0.0, 0.5 * np.pi)]
+    each = np.sqrt([_WAY, 2.0 * _TRAVEL / len(_LONG), _TURN / len(_ORDERS)])
+    return np.column_stack([each[0] * way, each[1] * travel, *(each[2] * wave for wave in turn)])
