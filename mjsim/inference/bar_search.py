@@ -387,14 +387,13 @@ class BarSearch(Search[Problem]):
     def _retimed(self, model: Model[Problem]) -> Model[Problem]:
         """The model at better triggers, where it fits better there."""
         better = retimed(model.problem, model.fit)
-        if better is None:
-            return self._followed(model)
-        fitter = self.fitter.with_problem(model.problem)
-        fit = fitter.fit(better.effects, start=better, exact=True, iterations=STEPS, fresh=False)
-        if fit.objective >= model.fit.objective - 1.0:
-            return self._followed(model)
-        self._follow(fit)
-        return self._followed(self._settled(replace(model, fit=fit), 0))
+        if better is not None:
+            fitter = self.fitter.with_problem(model.problem)
+            fit = fitter.fit(better.effects, start=better, exact=True, iterations=STEPS, fresh=False)
+            if fit.objective < model.fit.objective - 1.0:
+                self._follow(fit)
+                model = self._settled(replace(model, fit=fit), 0)
+        return self._followed(model)
 
     @property
     def _of_noise(self) -> float:

@@ -169,6 +169,10 @@ class Discrepancy:
         own = -math.log1p((sizes.slow / USUAL) ** 2) - math.log1p((sizes.fast / USUAL) ** 2)
         return own - 0.5 * sum((sizes.common.get(c.name, 0.0) / c.usual) ** 2 for c in self.common)
 
+    def prior_slopes(self, sizes: Sizes) -> np.ndarray:
+        """Slopes of :meth:`log_prior` by the logarithms of the sizes of common errors, (errors,)."""
+        return np.array([-((sizes.common[c.name] / c.usual) ** 2) for c in self.common])
+
     @classmethod
     def of_tests(
         cls, problem: Problem, errors: Sequence[CommonError] = (), shifts: Sequence[float] = ()

@@ -327,7 +327,7 @@ class Hypotheses:
         for sizes in levels:
             gram, score, square, log_det = model.normal(sizes)
             gram, score = gram[np.ix_(places, places)] * np.outer(scale, scale), score[places] * scale
-            none, step = marginalised(gram[:n, :n], score[:n], square, log_det, precision, departure)
+            none, step, _ = marginalised(gram[:n, :n], score[:n], square, log_det, precision, departure)
             cross = gram[:n, n:]
             left = gram[n:, n:] - cross.T @ ridge_solution(gram[:n, :n], cross, precision)
             linear = LinearEvidence(0.5 * (left + left.T), score[n:] - cross.T @ step, groups)

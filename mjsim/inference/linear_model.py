@@ -308,16 +308,15 @@ class LinearModel:
         data say of their amplitudes (Fisher's identity).
         """
         normal, follow, variance = self._without_common(sizes)
-        evidence, step = marginalised(*normal, self.precision, self.departure)
-        factor = cho_factor(normal[0] + np.diag(self.precision), lower=True)
+        evidence, step, factor = marginalised(*normal, self.precision, self.departure)
         by_parameters = follow[:, :-1]
         square = (follow @ np.append(-step, 1.0)) ** 2 + variance
         square += np.einsum("ij,ji->i", by_parameters, cho_solve(factor, by_parameters.T))
-        first, slopes = self.products.dense, []
-        for c in self.discrepancy.common:
-            at, size = self._shared[c.name], sizes.common[c.name]
-            slopes.append(float(square[at - first].sum()) / size**2 - len(at) - (size / c.usual) ** 2)
-        return evidence + self.discrepancy.log_prior(sizes), np.array(slopes)
+        first = self.products.dense
+        slopes = [
+            float(square[at - first].sum()) / sizes.common[name] ** 2 - len(at) for name, at in self._shared.items()
+        ]
+        return evidence + self.discrepancy.log_prior(sizes), np.array(slopes) + self.discrepancy.prior_slopes(sizes)
 
     def tuned(self, start: Sizes) -> tuple[Sizes, float]:
         """The sizes of largest evidence, with all parameters marginalised, and that log evidence."""
@@ -332,7 +331,6 @@ class LinearModel:
 
     def _best_sizes(self, start: Sizes) -> Sizes:
         """The sizes of the discrepancy of largest evidence at the noise factors of ``start``."""
-
         names = [*self._shared]
 
         def of(values: Sequence[float]) -> Sizes:
@@ -353,20 +351,19 @@ class LinearModel:
             if np.abs(x - before).max() < 0.99 * _FAR:
                 break
         values = np.exp(x)
-        best = of(values.tolist())
-        evidence = self.log_evidence(best)
+        evidence = self.log_evidence(of(values.tolist()))
         for i in range(len(values)):  # what the data do not show is not there
             without = values * (np.arange(len(values)) != i)
-            if (least := self.log_evidence(of(without.tolist()))) >= evidence:
-                values, best, evidence = without, of(without.tolist()), least
-        return best
+            if (other := self.log_evidence(of(without.tolist()))) >= evidence:
+                values, evidence = without, other
+        return of(values.tolist())
 
     def rest(self, sizes: Sizes) -> np.ndarray:
         """What the model leaves at its best values, with what repeats in each test but without common errors,
         (count,).
         """
         normal, follow, _ = self._without_common(sizes)
-        _, step = marginalised(*normal, self.precision, self.departure)
+        _, step, _ = marginalised(*normal, self.precision, self.departure)
         left, first = self.residual - self.products.times(step), self.products.dense
         amplitudes = follow @ np.append(-step, 1.0)
         for c in self.discrepancy.common:
@@ -390,8 +387,9 @@ def marginalised(
     log_det: float,
     precision: np.ndarray,
     departure: np.ndarray,
-) -> tuple[float, np.ndarray]:
-    """Log evidence of a linear model with its parameters marginalised, and their step, (p,).
+) -> tuple[float, np.ndarray, tuple[np.ndarray, bool]]:
+    """Log evidence of a linear model with its parameters marginalised, their step, (p,), and the Cholesky factor of
+    their posterior precision.
 
     Args:
         gram: Products of the columns with the inverse covariance between them, (p, p).
@@ -406,4 +404,4 @@ def marginalised(
     step = cho_solve(factor, pull)
     square = square + precision @ departure**2 - pull @ step
     flexibility = 2.0 * np.log(np.diag(factor[0])).sum() - np.log(precision).sum()
-    return -0.5 * float(square + log_det + flexibility), step
+    return -0.5 * float(square + log_det + flexibility), step, factor

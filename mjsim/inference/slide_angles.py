@@ -45,7 +45,8 @@ def turns_of_slides(problem: Problem, machine: Machine) -> CommonError:
     linear, chain = Linearisation(problem, replace(machine, effects=()), np.zeros(0)), machine.chain
     covered = np.vstack(linear.loads)
     arms = []
-    for i, a in ((chain.index(a), a) for a in chain.linear):
+    for a in chain.linear:
+        i = chain.index(a)
         arms += [(i, linear.by_motion(chain.columns.index(n))) for n in chain.error_motion(a) if n in chain.angular]
         arms.append((i, [_ARM * s.axes[:, i] for s in problem.sensitivity]))
 

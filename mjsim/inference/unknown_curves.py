@@ -255,16 +255,13 @@ def best_curves(
         teeth = fit.base.drives[axis].gear
         for term in filter(competes, terms.waves(axis, teeth)):
             contest.enter(term, [("teeth", root) for root in teeth_of(term, teeth)], odds[axis])
-    swings = Modes(terms) if modes_beside else None
-    for data, fitted, mode in modes_beside:
-        assert swings is not None
-        beside = linear if data is problem else _BesideModel(data, fitted)
-
-        def explains(t: CurveTerm, beside: _BesideModel = beside) -> float:
-            return _evidence(*beside.of(t), np.eye(len(t.knots)))
-
-        for term in [swings.moved(mode, explains)] if mode is not None else swings.best(explains):
-            contest.enter(term, [("modes", np.eye(len(term.knots)))], _LOG_ODDS - math.log(3 * len(tried)))
+    if modes_beside:
+        swings = Modes(terms)
+        for data, fitted, mode in modes_beside:
+            beside = linear if data is problem else _BesideModel(data, fitted)
+            found = swings.best(beside.explained_by) if mode is None else [swings.moved(mode, beside.explained_by)]
+            for term in found:
+                contest.enter(term, [("modes", np.eye(len(term.knots)))], _LOG_ODDS - math.log(3 * len(tried)))
     near = contest.near_the_best()
     distinct = {id(r.term): r.term for r in near}  # several priors of one curve share its rows
     rows = {key: plain.whiten_sparse(term.columns.together()) for key, term in distinct.items()}
@@ -358,6 +355,10 @@ class _BesideModel:
         cross, score, together = products[:, :count].T, products[:, count], products[:, count + 1 :]
         own -= together @ together.T
         return self.fit.linear.left_over(own, cross), score - cross.T @ self.fit.step
+
+    def explained_by(self, mode: CurveTerm) -> float:
+        """Log evidence of a mode of the structure."""
+        return _evidence(*self.of(mode), np.eye(len(mode.knots)))
 
 
 def _evidence(information: np.ndarray, score: np.ndarray, root: np.ndarray) -> float:
