@@ -17,6 +17,7 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.findings import explain
 from mjsim.inference.fit import Fitter
 from mjsim.inference.mistakes.checked_problem import trusted_problem
+from mjsim.inference.nuisance_fit import fit_nuisance
 from mjsim.inference.samples import GRID, Samples
 from mjsim.inference.signatures import Candidate, Projector, SignatureBank, feasible_share
 from mjsim.inference.spectrum import spectral_candidates
@@ -82,7 +83,6 @@ def test_free_vector_round_trip():
 
 def test_nuisances_are_recovered_by_a_problem_of_known_offsets():
     """A trace made from the machine's own reading with known ball offsets, bar length and trigger gives them back."""
-    from mjsim.inference.nuisance_fit import fit_nuisance
     from mjsim.machine.chain import FIVE_AXIS
     from mjsim.machine.kinematics import reading
     from mjsim.simulation.axes import AxesMotion
@@ -132,10 +132,11 @@ def healthy(*names):
 
 
 def hide(problem, machine, effect):
-    """Add what an effect does to the measured values."""
+    """Add what an effect does to the measured values, as late as their clocks run."""
     with_it, without = (problem.readings(build(m)) for m in (machine.with_effect(effect), machine))
-    for s, a, b in zip(problem.samples, with_it, without, strict=True):
-        s.value = s.value + np.interp(s.time, np.arange(len(a)) * GRID, a - b)
+    nuisance = fit_nuisance(problem, without)
+    for k, (s, a, b) in enumerate(zip(problem.samples, with_it, without, strict=True)):
+        s.value = s.value + s.sample_all(a - b, problem.shift(k, nuisance))
         s.mean = s.average(s.value)
 
 
@@ -261,6 +262,19 @@ def test_an_axis_that_is_very_late_is_found_whatever_the_position_gains_say(hidd
     assert found.key == hidden.key and found.probability > 0.99
     effect = next(f.effect for f in selection.fit.effects if f.effect.key == hidden.key)
     assert effect.values["delay_ms"] == pytest.approx(hidden.values["delay_ms"], abs=0.5)
+
+
+def test_a_fit_that_begins_far_away_ends_where_one_from_the_truth_does():
+    """What it leaves falls from a million times the noise to the noise, and priors count less with each step."""
+    problem, machine = healthy("cone45-centre-ccw", "circle-xy-ccw")
+    hide(problem, machine, registry.make("servo_delay.Y", delay_ms=30.0))
+    problem = separate(problem, machine).problem
+    near, far = (registry.make("servo_delay.Y", delay_ms=ms) for ms in (30.0, 5.0))
+    near, far = (
+        Fitter(problem, machine).fit([EffectVector(e, ("delay_ms",))], iterations=12, exact=True) for e in (near, far)
+    )
+    assert far.objective == pytest.approx(near.objective, abs=0.5)
+    assert far.effects[0].effect.values["delay_ms"] == pytest.approx(30.0, abs=0.001)
 
 
 def test_a_stiffness_is_fitted_as_its_compliance():

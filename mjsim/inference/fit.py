@@ -27,7 +27,7 @@ _SCALES = (1.0, 0.5, 0.2, 0.05)
 #: Share of the promised gain that a step must bring for its derivatives to be used again.
 _KEPT_PROMISE = 0.7
 #: Fall of the objective below which a fit has converged; share of what it leaves beyond the noise below which it ends.
-CONVERGED, _SLOW = 0.5, 1e-3
+CONVERGED, _SLOW = 0.1, 1e-3
 #: A start that fits about so well (mean square), with its data sheet within so many standard deviations, needs no other
 #: beside it.
 _GOOD_START, _GOOD_SHEET = 1.5, 3.0
@@ -328,5 +328,8 @@ class Fitter:
 
     @staticmethod
     def _with_step(fit: Fit, weight: float) -> Fit:
-        """The model with the Gauss-Newton step of the design that it has, be it from an earlier point."""
-        return replace(fit, step=fit.linear.step(fit.design.T @ fit.residual, fit.vector, weight))
+        """The model with the Gauss-Newton step of the design that it has, be it from an earlier point; priors count
+        ``weight`` times now.
+        """
+        equations = replace(fit.linear, weight=weight)
+        return replace(fit, equations=equations, step=equations.step(fit.design.T @ fit.residual, fit.vector))

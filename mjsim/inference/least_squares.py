@@ -55,19 +55,18 @@ class LeastSquares:
         """``precision⁻¹ right`` of a vector (p,) or columns (p, k)."""
         return cho_solve((self.factor, True), right, check_finite=False)
 
-    def step(self, gradient: np.ndarray, vector: np.ndarray, weight: float | None = None) -> np.ndarray:
+    def step(self, gradient: np.ndarray, vector: np.ndarray) -> np.ndarray:
         """Gauss-Newton step from a vector, within the bounds.
 
         Args:
             gradient: ``Jᵀr`` of the whitened residuals ``r``, (p,).
             vector: Present values, (p,).
-            weight: How often the priors' pull counts where that is no longer the factor's :attr:`weight`.
 
         Returns:
             The step, (p,): zero for frozen entries.
         """
         p = self.parameters
-        right = np.where(p.frozen, 0.0, gradient - p.precision(weight or self.weight) * p.departure(vector))
+        right = np.where(p.frozen, 0.0, gradient - p.precision(self.weight) * p.departure(vector))
         step = self.solve(right)
         low, high = p.lower - vector, p.upper - vector
         if ((step >= low) & (step <= high)).all():
