@@ -15,8 +15,8 @@ from mjsim.io.resources import examples
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_plans")]
 KEYS = {
-    "verdict", "probabilities", "noise_um", "discrepancy_um", "slide_turns_urad", "friction_varies_percent", "louder",
-    "rms_before_um", "rms_after_um", "effects", "unexplained", "further_curves", "not_testable", "left_out",
+    "verdict", "probabilities", "noise_um", "discrepancy_um", "slide_turns_urad", "drift_um", "friction_varies_percent",
+    "louder", "rms_before_um", "rms_after_um", "effects", "unexplained", "further_curves", "not_testable", "left_out",
     "next_test", "samples", "calibration", "combinations", "shares", "budget",
 }  # fmt: skip
 EFFECT_KEYS = {

@@ -68,7 +68,7 @@ def test_slides_that_turn_are_seen_and_those_that_do_not_are_not(problem, tmp_pa
     standard deviations.
     """
     tests, machine, _ = problem
-    assert not explain(Separated(tests, machine, ())).common  # nor does its friction vary
+    assert not explain(Separated(tests, machine, ())).common  # nor does it drift, nor does its friction vary
     turning, machine, truth = problem_of(tmp_path, 12.0)
     found = explain(Separated(turning, machine, ()))
     assert 3e-6 < found.common["slide_turns"] < 30e-6

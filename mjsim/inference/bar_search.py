@@ -28,6 +28,7 @@ from mjsim.inference.calibration import Calibrated, calibrated_effects, expected
 from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.discrepancy import CommonError, Discrepancy, Sizes
 from mjsim.inference.disturbances import readmitted, without_disturbances
+from mjsim.inference.drift import drift_of_machine
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit, Fitter, retimed
 from mjsim.inference.hypotheses import CAUSE, WIDTHS, Hypotheses
@@ -224,7 +225,10 @@ class BarSearch(Search[Problem]):
         some = (c for cls, subject in only for c in seeds_of(cls, subject, fitter.machine))
         self.seeds = [*some] if only else seeds(fitter.machine)
         # what all tests may show that is in no model: whatever the machine is, and as it is fitted
-        self._common: tuple[CommonError, ...] = (turns_of_slides(fitter.problem, fitter.machine),)
+        self._common: tuple[CommonError, ...] = (
+            turns_of_slides(fitter.problem, fitter.machine),
+            drift_of_machine(fitter.problem, fitter.machine),
+        )
         self._varying: tuple[CommonError, ...] = ()
         self._shifts: Sequence[float] = ()
         self._followed_last: Model[Problem] | None = None
