@@ -85,6 +85,8 @@ def common_sentence(data: Mapping[str, Any], calibrated: Iterable[str]) -> str:
             f"The tool drifts against the table by about {um:.2g} µm (RMS in each axis over the campaign), with the "
             "campaign's clock. That is in no effect of the model."
         )
+    if off := data.get("bar_gain_percent"):
+        told.append(f"The ball bar reads too much or too little, by some {off:.1g} %. Have it calibrated.")
     if shares := data.get("friction_varies_percent"):
         axes = " and ".join(f"{percent:.2g} % on {axis}" for axis, percent in shares.items())
         told.append(
@@ -171,9 +173,9 @@ class Diagnosis:
         settings: What has decided.
         probabilities: Of the four verdicts by the ball-bar tests; empty where none was measured.
         discrepancy: RMS in a ball-bar test of what is in no model, m.
-        common: Sizes of what every machine has a little of and no model has, by name: ``slide_turns``, rad RMS over
+        common: Sizes of what every measurement has a little of and no model has, by name: ``slide_turns``, rad RMS over
             200 mm of travel; ``drift``, m RMS in each axis over the campaign; ``friction_varies.X``, RMS share of the
-            friction of an axis. Only of those that the data show.
+            friction of an axis; ``bar_gain``, share of the reading. Only of those that the data show.
         at_rest: What was measured while the machine stood still, one for each instrument.
         budget: Where the uncertainty of every fitted number comes from.
         further: Curves of unknown causes that the model has beside ``unexplained``.
@@ -215,6 +217,7 @@ class Diagnosis:
         return {
             "slide_turns_urad": _r(self.common.get("slide_turns", 0.0) / 1e-6),
             "drift_um": _r(self.common.get("drift", 0.0) / UM),
+            "bar_gain_percent": _r(self.common.get("bar_gain", 0.0) / 1e-2),
             "friction_varies_percent": {
                 name[-1]: _r(size / 1e-2) for name, size in self.common.items() if name.startswith("friction_varies")
             },

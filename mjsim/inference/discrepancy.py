@@ -14,9 +14,10 @@ maximising the evidence with all parameters of the model marginalised (Kennedy a
 computer models", J. R. Statist. Soc. B 63 (2001) 425-464, have the idea of such a term).
 
 Some things every machine has a little of: slides turn as they travel (:mod:`mjsim.inference.slide_angles`), the tool
-drifts against the table (:mod:`mjsim.inference.drift`), friction varies (:mod:`mjsim.inference.varying_friction`). They
-leave the same in all tests. Taken for something that each test has of its own, they would count as often as there are
-tests. So each has a size of its own, with an amplitude for each of its shapes that all tests share.
+drifts against the table (:mod:`mjsim.inference.drift`), friction varies (:mod:`mjsim.inference.varying_friction`), and
+a bar has a gain (:mod:`mjsim.inference.bar_gain`). They leave the same in all tests. Taken for something that each test
+has of its own, they would count as often as there are tests. So each has a size of its own, with an amplitude for each
+of its shapes that all tests share.
 
 A curve of an unknown cause is not known to the instant. Where it jumps (at a reversal, at a step of an encoder) the
 model has the jump in one block, and the machine a little before or after it. So where a model has such a curve, each
