@@ -16,7 +16,7 @@ from mjsim.io.resources import examples
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("shared_results", "fast_plans")]
 KEYS = {
     "verdict", "probabilities", "noise_um", "discrepancy_um", "slide_turns_urad", "drift_um", "friction_varies_percent",
-    "bar_gain_percent", "louder", "rms_before_um", "rms_after_um", "effects", "unexplained", "further_curves",
+    "bar_gain_percent", "hum", "louder", "rms_before_um", "rms_after_um", "effects", "unexplained", "further_curves",
     "not_testable", "left_out", "next_test", "samples", "calibration", "combinations", "shares", "budget",
 }  # fmt: skip
 EFFECT_KEYS = {

@@ -8,10 +8,13 @@ import pytest
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.compare import compare
+from mjsim.commands.diagnosis import hum_sentence
 from mjsim.effects.registry import make
 from mjsim.inference.mistakes.checked_problem import trusted_problem
-from mjsim.inference.vibration import is_news, phased, separate
+from mjsim.inference.settings import DIAGNOSIS
+from mjsim.inference.vibration import Hum, Record, is_news, line_near, phased, separate
 from mjsim.io.resources import examples
+from mjsim.machine.chain import FIVE_AXIS
 from mjsim.machine.model import build
 
 TESTS = ("circle-xy-ccw", "circle-xy-cw", "cone15-parallel-ccw")
@@ -25,13 +28,15 @@ def healthy():
 
 
 def shaken(campaign, machine, axis, amplitude, frequency):
-    """The campaign with a vibration of one axis laid over its traces; phases 1, 2, 3 rad."""
+    """The campaign with a vibration of one axis laid over its traces, or a hum of the instrument where ``axis`` is
+    empty; phases 1, 2, 3 rad.
+    """
     traces = {}
     for k, t in enumerate(campaign.tests):
         trace = campaign.traces[t.name]
         problem = trusted_problem(replace(campaign, tests=(t,), traces={t.name: trace}), machine, threads=1)
-        grid = problem.sensitivity[0].axes[:, "XYZ".index(axis)]
-        weight = np.interp(trace.time, 0.005 * np.arange(len(grid)), grid)
+        grid = problem.sensitivity[0].axes[:, "XYZ".index(axis or "X")]
+        weight = np.interp(trace.time, 0.005 * np.arange(len(grid)), grid) if axis else 1.0
         wave = amplitude * weight * np.sin(2 * np.pi * frequency * trace.time + k + 1.0)
         traces[t.name] = replace(trace, deviation=trace.deviation + wave)
     return replace(campaign, traces=traces)
@@ -67,6 +72,46 @@ def test_a_planted_vibration_is_found(healthy, axis, amplitude, frequency):
         got = [line.effect.phases[t.name] for t in healthy.tests]
         shift = np.angle(np.exp(1j * (np.array(got) - expected)))
         assert np.abs(shift).max() < 2 * np.pi * frequency * 0.05 + 0.2
+
+
+def test_a_hum_of_the_instrument_is_no_vibration_of_an_axis(healthy):
+    """The mains are in the signal wherever the machine stands; an axis shows by where the bar points."""
+    machine = read_machine(healthy.machine_file)
+    both = shaken(shaken(healthy, machine, "", 0.08e-6, 50.02), machine, "Y", 0.3e-6, 31.4)
+    separated = separate(trusted_problem(both, machine), machine)
+    (hum,), (line,) = separated.hums, separated.lines
+    assert hum.frequency == pytest.approx(50.02, abs=0.002)
+    assert hum.amplitude == pytest.approx(0.08e-6, rel=0.05) and not hum.alternatives
+    assert line.effect.id == "vibration.Y" and line.effect.values["amplitude_um"] == pytest.approx(0.3, rel=0.05)
+    quiet = separate(trusted_problem(healthy, machine), machine).problem
+    assert separated.problem.noise.rms == pytest.approx(quiet.noise.rms, rel=0.01)
+    row = {"amplitude_um": 0.08, "frequency_Hz": 50.02, "alternatives": []}
+    assert "hums: 0.08 µm at 50.02 Hz" in hum_sentence([row]) and hum_sentence([]) == ""
+
+
+@pytest.mark.parametrize("axis", ["", "Y"])
+def test_a_slender_cone_tells_a_hum_from_a_vibration(axis):
+    """The bar keeps near one axis there, and yet turns a little."""
+    campaign = read_campaign(examples() / "healthy")
+    tests = tuple(t for t in campaign.tests if t.name in ("cone15-centre-ccw", "cone15-y50-ccw"))
+    campaign = replace(campaign, tests=tests, traces={t.name: campaign.traces[t.name] for t in tests})
+    machine = read_machine(campaign.machine_file)
+    separated = separate(trusted_problem(shaken(campaign, machine, axis, 0.05e-6, 50.02), machine), machine)
+    assert [line.effect.subject for line in separated.lines] == [*axis]
+    assert len(separated.hums) == (not axis)
+
+
+def test_where_the_bar_points_one_way_a_hum_may_be_a_vibration():
+    """No axis is named there, and that it may be one is told."""
+    time = np.arange(4000) / 200.0
+    ways = np.zeros((len(time), 4))
+    ways[:, 1], ways[:, 3] = -1.0, 1.0
+    noise = 0.1e-6 * np.random.default_rng(4).standard_normal(len(time))
+    wave = 0.1e-6 * np.sin(2.0 * np.pi * 50.02 * time + 1.0)
+    record = Record("one", time, noise + wave, ways, np.full(2001, 1e-14), 200.0)
+    hum = line_near([record], 50.0, FIVE_AXIS, DIAGNOSIS)
+    assert isinstance(hum, Hum) and hum.alternatives == ("vibration.Y",)
+    assert hum.amplitude == pytest.approx(0.1e-6, rel=0.1)
 
 
 @pytest.mark.parametrize("frequency", [2.5, 6.47, 13.2, 27.3])

@@ -171,7 +171,7 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         explained: Whether ``mjsim explain`` knows the campaign: it needs ball-bar tests.
     """
     from mjsim.commands.axis_log.diagnosis import MORE_IS_LEFT
-    from mjsim.commands.diagnosis import VERDICTS, common_sentence, louder_sentence
+    from mjsim.commands.diagnosis import VERDICTS, told_beside
 
     calibration = data.get("calibration", ())
     left_first = data["verdict"] == "unknown" and "data_sheet" in data  # of axis logs, what is left comes first
@@ -214,11 +214,9 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
         common.paragraph("Also in the model, and still in the residual above:" if more else within)
         for curve in data["further_curves"]:
             common.paragraph(curve["summary"], "  ")
-    common_errors = common_sentence(data, (c["id"] for c in calibration))
-    for sentence in (common_errors, louder_sentence(data.get("louder", ()))):
-        if sentence:
-            click.echo()
-            common.paragraph(sentence)
+    for sentence in told_beside(data, (c["id"] for c in calibration)):
+        click.echo()
+        common.paragraph(sentence)
     if "data_sheet" in data:
         click.echo()
         show_logs(data | {"unexplained": None}, "with all of them")

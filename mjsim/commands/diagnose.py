@@ -140,6 +140,7 @@ def _diagnose(
         discrepancy=explained.discrepancy,
         common=explained.common,
         louder=data.louder_places(),
+        hums=separated.hums,
         budget=explained.budget,
     )
 

@@ -23,6 +23,7 @@ from mjsim.inference.posterior import Posterior
 from mjsim.inference.settings import DIAGNOSIS, DiagnosisSettings
 from mjsim.inference.shares import Calibration
 from mjsim.inference.unexplained import FurtherCurve, Unexplained
+from mjsim.inference.vibration import Hum
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io import files
@@ -65,6 +66,38 @@ def louder_sentence(rows: Sequence[dict]) -> str:
         f"Louder than the instrument at some places, as where a structure rings: {'; '.join(told)}. What is louder "
         "there counts as noise."
     )
+
+
+def hum_sentence(rows: Sequence[dict]) -> str:
+    """What the instrument's signal has of its own; empty where it has nothing.
+
+    Args:
+        rows: ``hum`` of the JSON of ``mjsim diagnose``.
+    """
+    if not rows:
+        return ""
+    waves = " and ".join(f"{r['amplitude_um']:.2g} µm at {r['frequency_Hz']:.2f} Hz" for r in rows)
+    alike = sorted({i for r in rows for i in r["alternatives"]})
+    return (
+        f"The instrument's signal hums: {waves} (amplitude), alike wherever the machine stands. That is the mains or "
+        "the instrument and no axis, so it is left out of the data. Look at cable, supply and earthing."
+        + (f" In these tests {' or '.join(alike)} would look the same." if alike else "")
+    )
+
+
+def told_beside(data: Mapping[str, Any], calibrated: Iterable[str]) -> list[str]:
+    """Sentences on what the tests show beside the model, one for each kind that they show.
+
+    Args:
+        data: The JSON of ``mjsim diagnose``.
+        calibrated: Ids of the effects that were calibrated.
+    """
+    told = [
+        common_sentence(data, calibrated),
+        hum_sentence(data.get("hum", ())),
+        louder_sentence(data.get("louder", ())),
+    ]
+    return [sentence for sentence in told if sentence]
 
 
 def common_sentence(data: Mapping[str, Any], calibrated: Iterable[str]) -> str:
@@ -180,6 +213,7 @@ class Diagnosis:
         budget: Where the uncertainty of every fitted number comes from.
         further: Curves of unknown causes that the model has beside ``unexplained``.
         louder: Where ball-bar tests are louder than the instrument, the loudest test first.
+        hums: What the instrument's signal has of its own.
     """
 
     campaign: Campaign
@@ -207,13 +241,14 @@ class Diagnosis:
     budget: tuple[Budget, ...] = ()
     further: tuple[FurtherCurve, ...] = ()
     louder: tuple[LouderPlace, ...] = ()
+    hums: tuple[Hum, ...] = ()
 
     @property
-    def common_summary(self) -> str:
-        """What the tests show that every machine has a little of; empty where they show none."""
-        return common_sentence(self._common_json(), (c.effect.effect.id for c in self.calibration))
+    def told_beside(self) -> list[str]:
+        """Sentences on what the tests show beside the model."""
+        return told_beside(self._beside_json(), (c.effect.effect.id for c in self.calibration))
 
-    def _common_json(self) -> dict[str, Any]:
+    def _beside_json(self) -> dict[str, Any]:
         return {
             "slide_turns_urad": _r(self.common.get("slide_turns", 0.0) / 1e-6),
             "drift_um": _r(self.common.get("drift", 0.0) / UM),
@@ -221,12 +256,16 @@ class Diagnosis:
             "friction_varies_percent": {
                 name[-1]: _r(size / 1e-2) for name, size in self.common.items() if name.startswith("friction_varies")
             },
+            "hum": [
+                {
+                    "amplitude_um": _r(hum.amplitude / UM),
+                    "frequency_Hz": _r(hum.frequency),
+                    "alternatives": list(hum.alternatives),
+                }
+                for hum in self.hums
+            ],
+            "louder": [place.to_json() for place in self.louder],
         }
-
-    @property
-    def louder_summary(self) -> str:
-        """Which tests are louder than the instrument, and where; empty where none is."""
-        return louder_sentence([place.to_json() for place in self.louder])
 
     @property
     def has_bars(self) -> bool:
@@ -280,8 +319,7 @@ class Diagnosis:
             "probabilities": self.probabilities,
             "noise_um": _r(self.noise / UM),
             "discrepancy_um": _r(self.discrepancy / UM),
-            **self._common_json(),
-            "louder": [place.to_json() for place in self.louder],
+            **self._beside_json(),
             "rms_before_um": _r(self.before.rms / UM),
             "rms_after_um": _r(self.after.rms / UM),
             "effects": [e.to_json(self.machine) for e in self.effects],

@@ -3,7 +3,8 @@
 A vibration's phase is free in every test, so it is a nuisance with a size: it is looked for before everything else, in
 single samples (blocks would average it away), and left out of the data while the other effects are searched. A
 periodogram weighted with the reading's sensitivity to one axis (matched filter) gives frequency and axis; amplitude and
-the phase in every test follow by least squares.
+the phase in every test follow by least squares. The signal of the instrument itself may hum as well, with the mains as
+a rule: that is the same wherever the machine stands, and is no vibration of it.
 """
 
 from __future__ import annotations
@@ -46,10 +47,27 @@ class Line:
         gain: fall of the squared residuals in units of the noise at that frequency.
     """
 
-    effect: Effect = field(repr=False)
+    effect: Vibration = field(repr=False)
     ci95: dict
     alternatives: tuple[str, ...]
     gain: float
+
+
+@dataclass(frozen=True)
+class Hum:
+    """A wave that the instrument's signal has of its own, alike wherever the machine stands.
+
+    Attributes:
+        amplitude: m.
+        frequency: Hz.
+        phases: At the program's start, rad by name of the recording.
+        alternatives: ids of vibrations that would look the same in these tests.
+    """
+
+    amplitude: float
+    frequency: float
+    phases: dict[str, float]
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,7 +78,8 @@ class Record:
         name: Of its recording.
         time: From the program's start, (n,) s.
         x: (n,) m, with bad samples at 0.
-        weight: Sensitivities to the linear axes, 0 at bad samples, (n, 3).
+        weight: Sensitivities to the linear axes, and behind them that to the instrument's signal; 0 at bad samples,
+            (n, 4).
         noise: Power per sample over the frequencies of the spectrum of ``x``, m².
         rate: Samples per second, Hz.
     """
@@ -77,8 +96,8 @@ class Record:
         return np.asarray(np.interp(frequency, np.fft.rfftfreq(2 * (len(self.noise) - 1), 1.0 / self.rate), self.noise))
 
 
-def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line | None:
-    """The strongest vibration in the residuals ``rest``, or ``None``.
+def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line | Hum | None:
+    """The strongest vibration or hum in the residuals ``rest``, or ``None``.
 
     It is looked for in half-differences of revolutions, where nothing that belongs to the axes' positions is left, and
     measured in the residuals themselves.
@@ -90,8 +109,11 @@ def find(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray) -> Line
     frequency, chance = _strongest(records)
     if chance >= settings.vibration_false_alarm:
         return None
-    line = _line(records_of(problem, rest, nuisance, False), frequency, chain, settings)
-    return line if line and line.effect.si("amplitude_um") > settings.vibration_size * problem.noise.rms else None
+    found = line_near(records_of(problem, rest, nuisance, False), frequency, chain, settings)
+    if found is None:
+        return None
+    size = found.amplitude if isinstance(found, Hum) else found.effect.si("amplitude_um")
+    return found if size > settings.vibration_size * problem.noise.rms else None
 
 
 def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, repeats: bool) -> list[Record]:
@@ -99,9 +121,8 @@ def records_of(problem: Problem, rest: list[np.ndarray], nuisance: np.ndarray, r
     for k, s in enumerate(problem.samples):
         shift, dt = problem.shift(k, nuisance), float(np.median(np.diff(s.time)))
         time, valid = s.time - shift, s.valid
-        weight = np.column_stack(
-            [s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(len(problem.chain.linear))]
-        )
+        axes = [s.sample_all(problem.sensitivity[k].axes[:, i], shift) for i in range(len(problem.chain.linear))]
+        weight = np.column_stack([*axes, np.ones(len(time))])
         x = np.where(valid, rest[k], 0.0)
         if repeats:
             if not kind_of(s.test).repeats(s.test):
@@ -133,7 +154,7 @@ def _slow(x: np.ndarray, dt: float) -> np.ndarray:
 
 
 def _strongest(records: list[Record]) -> tuple[float, float]:
-    """Frequency and chance of the strongest line over all tests and axes.
+    """Frequency and chance of the strongest line over all tests, axes and the instrument's signal.
 
     Each test's power over its noise is an exponential deviate, their sum a gamma one.
     """
@@ -142,8 +163,8 @@ def _strongest(records: list[Record]) -> tuple[float, float]:
     f = np.fft.rfftfreq(size, 1.0 / rate)
     band = (f > LOWEST) & (f < HIGHEST * rate)
     best = (0.0, 1.0)
-    axes = records[0].weight.shape[1]
-    for i in range(axes):
+    ways = records[0].weight.shape[1]
+    for i in range(ways):
         total, tests = np.zeros(len(f)), 0
         for r in records:
             if not _shows(r, i):
@@ -159,7 +180,7 @@ def _strongest(records: list[Record]) -> tuple[float, float]:
             continue
         total = np.where(band, total, 0.0)
         at = int(np.argmax(total))
-        chance = float(gammaincc(tests, total[at]) * band.sum() * axes)
+        chance = float(gammaincc(tests, total[at]) * band.sum() * ways)
         if chance < best[1]:
             best = (float(f[at]), chance)
     return best
@@ -202,26 +223,32 @@ def _common(records: list[Record], frequency: float, i: int) -> tuple[float, flo
     return a * a * info, a, sum(v * abs(c) ** 2 for c, v in pairs)
 
 
-def _line(records: list[Record], frequency: float, chain: Chain, settings: DiagnosisSettings) -> Line | None:
-    """The line near ``frequency`` at its best axis; ``None`` where the tests do not agree on one amplitude."""
-    seen = [i for i in range(len(chain.linear)) if any(_shows(r, i) for r in records)]
+def line_near(records: list[Record], frequency: float, chain: Chain, settings: DiagnosisSettings) -> Line | Hum | None:
+    """The line near ``frequency``: of the axis that explains most, or a hum where no axis explains clearly more.
+
+    ``None`` where the tests do not agree on one amplitude.
+    """
+    signal = len(chain.linear)
+    seen = [i for i in range(signal + 1) if any(_shows(r, i) for r in records)]
     fits = {i: _refined(records, frequency, i) for i in seen}
     best = max(fits, key=lambda i: fits[i][1])
+    alike = [i for i in fits if fits[i][1] > fits[best][1] - settings.indistinguishable]
+    best = signal if signal in alike else best
     f, gain, amplitude, free = fits[best]
     if gain < settings.vibration_common * free or amplitude == 0.0:
         return None
+    phases = phases_of(records, f, best)
+    others = tuple(f"vibration.{chain.linear[i]}" for i in alike if i not in (best, signal))
+    if best == signal:
+        return Hum(amplitude, f, phases, others)
     info = np.array([amplitude_of(r, f, best)[1] for r in records])
     spread = float(info @ [np.var(r.time) for r in records])
-    effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f)
-    effect = effect.with_phases(phases_of(records, f, best))
+    effect = Vibration(chain.linear[best], amplitude_um=amplitude / UM, frequency_Hz=f).with_phases(phases)
     size, sd_a, sd_f = amplitude / UM, 1.0 / UM / np.sqrt(info.sum()), 1.0 / (2.0 * np.pi * amplitude * np.sqrt(spread))
     ci = {
         "amplitude_um": [max(0.0, size - 1.96 * sd_a), size + 1.96 * sd_a],
         "frequency_Hz": [f - 1.96 * sd_f, f + 1.96 * sd_f],
     }
-    others = tuple(
-        f"vibration.{chain.linear[i]}" for i in fits if i != best and fits[i][1] > gain - settings.indistinguishable
-    )
     return Line(effect, ci, others, gain)
 
 
@@ -246,35 +273,44 @@ class Separated:
     """A problem whose data have no vibrations in them.
 
     Attributes:
-        problem: With all vibrations left out of the data; the noise is estimated without them.
+        problem: With all vibrations and hums left out of the data; the noise is estimated without them.
         machine: Without vibrations.
         lines: What was left out: what was found, and what the machine as given has, with the phases of the tests.
+        hums: What was left out as the instrument's own.
     """
 
     problem: Problem
     machine: Machine
     lines: tuple[Line, ...]
+    hums: tuple[Hum, ...] = ()
 
 
 def separate(problem: Problem, machine: Machine) -> Separated:
-    """Take vibrations out of the data: those of ``machine``, with the phases of the tests, and what else is found."""
+    """Take vibrations out of the data: those of ``machine``, with the phases of the tests, and what else is found.
+
+    A hum of the instrument goes as well.
+    """
     rigid = without_vibrations(machine)
     readings = problem.readings(build(rigid))
     nuisance = fit_nuisance(problem, readings)
     lines: list[Line] = []
+    hums: list[Hum] = []
     data = problem
-    while len(lines) < problem.settings.most_vibrations:
-        line = find(data, data.sample_residuals(readings, nuisance), nuisance)
-        if line is None or any(_same(line.effect, other.effect) for other in lines):
+    while len(lines) + len(hums) < problem.settings.most_vibrations:
+        found = find(data, data.sample_residuals(readings, nuisance), nuisance)
+        if isinstance(found, Hum) and not any(_near(found.frequency, h.frequency) for h in hums):
+            hums.append(found)
+        elif isinstance(found, Line) and not any(_same(found.effect, line.effect) for line in lines):
+            lines.append(found)
+        else:
             break
-        lines.append(line)
-        data = _without(problem, [line.effect for line in lines], nuisance)
+        data = _without(problem, [*(line.effect for line in lines), *hums], nuisance)
     left = [e for e in machine.effects if e.kind == "vibration" and not any(_same(e, line.effect) for line in lines)]
     if left:
         weak = phased(data, replace(rigid, effects=(*rigid.effects, *left)), readings, nuisance)
-        lines += [Line(e, {}, (), 0.0) for e in weak.effects if e.kind == "vibration"]
-        data = _without(problem, [line.effect for line in lines], nuisance)
-    return Separated(data, rigid, tuple(lines))
+        lines += [Line(e, {}, (), 0.0) for e in weak.effects if isinstance(e, Vibration)]
+        data = _without(problem, [*(line.effect for line in lines), *hums], nuisance)
+    return Separated(data, rigid, tuple(lines), tuple(hums))
 
 
 def without_vibrations(machine: Machine) -> Machine:
@@ -298,11 +334,16 @@ def is_news(line: Line, machine: Machine) -> bool:
 
 
 def _same(a: Effect, b: Effect) -> bool:
-    return a.subject == b.subject and abs(a.values["frequency_Hz"] - b.values["frequency_Hz"]) < 0.1
+    return a.subject == b.subject and _near(a.values["frequency_Hz"], b.values["frequency_Hz"])
 
 
-def _without(problem: Problem, waves: Sequence[Effect], nuisance: np.ndarray) -> Problem:
-    """The problem with vibrations left out of its data."""
+def _near(a: float, b: float) -> bool:
+    """Whether two frequencies in Hz are one."""
+    return abs(a - b) < 0.1
+
+
+def _without(problem: Problem, waves: Sequence[Vibration | Hum], nuisance: np.ndarray) -> Problem:
+    """The problem with vibrations and hums left out of its data."""
 
     def part(k: int) -> np.ndarray:
         shift = problem.shift(k, nuisance)
@@ -370,9 +411,13 @@ def _with_phases(
     return out
 
 
-def _wave(problem: Problem, k: int, effect, shift: float) -> np.ndarray:
-    """What a vibration adds to every sample of test ``k``, m."""
+def _wave(problem: Problem, k: int, wave: Vibration | Hum, shift: float) -> np.ndarray:
+    """What a vibration or a hum adds to every sample of test ``k``, m."""
     s = problem.samples[k]
-    w = 2.0 * np.pi * effect.values["frequency_Hz"]
-    weight = s.sample_all(problem.sensitivity[k].axes[:, problem.chain.index(effect.subject)], shift)
-    return weight * effect.si("amplitude_um") * np.sin(w * (s.time - shift) + effect.phases.get(s.test.recording, 0.0))
+    if isinstance(wave, Hum):
+        weight, frequency = wave.amplitude, wave.frequency
+    else:
+        along = problem.sensitivity[k].axes[:, problem.chain.index(wave.subject)]
+        weight, frequency = wave.si("amplitude_um") * s.sample_all(along, shift), wave.values["frequency_Hz"]
+    phase = wave.phases.get(s.test.recording, 0.0)
+    return weight * np.sin(2.0 * np.pi * frequency * (s.time - shift) + phase)

@@ -431,10 +431,7 @@ def diagnosed(
             "verdict_sentence": explained(result),
             "findings": findings(result),
             "unexplained": " ".join(
-                filter(
-                    None,
-                    [u.summary if u else _rest(rest), _further(result), result.common_summary, result.louder_summary],
-                )
+                filter(None, [u.summary if u else _rest(rest), _further(result), *result.told_beside])
             ),
             "curve": (*u.curve, u.labels, u.summary, u.period) if u else None,
             "not_testable": untestable(result.not_testable, problem),

@@ -153,12 +153,9 @@ class FindingsPanel(JobPanel):
                 ui.label("Also in the model").classes("head")
                 for curve in result.further:
                     ui.label(curve.summary)
-        if result.common_summary:
-            with ui.element("div").classes("card plain").mark("common errors"):
-                ui.label(result.common_summary)
-        if result.louder:
-            with ui.element("div").classes("card plain").mark("louder places"):
-                ui.label(result.louder_summary)
+        for sentence in result.told_beside:
+            with ui.element("div").classes("card plain").mark("beside the model"):
+                ui.label(sentence)
         self._next_test(result)
 
     def _next_test(self, result: Diagnosis) -> None:
