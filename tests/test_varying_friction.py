@@ -115,4 +115,6 @@ def test_a_machine_whose_friction_varies_is_sound_and_told_so(tmp_path):
 def test_the_share_is_told():
     sentence = common_sentence({"friction_varies_percent": {"X": 19.2, "Z": 41.0}}, ())
     assert "about 19 % on X and 41 % on Z" in sentence
+    three = common_sentence({"friction_varies_percent": {"X": 19.2, "Y": 7.0, "Z": 41.0}}, ())
+    assert "about 19 % on X, 7 % on Y and 41 % on Z" in three
     assert "counts all of it" in common_sentence({"friction_varies_percent": {"X": 19.2}, "slide_turns_urad": 5.0}, ())

@@ -76,7 +76,7 @@ def hum_sentence(rows: Sequence[dict]) -> str:
     """
     if not rows:
         return ""
-    waves = " and ".join(f"{r['amplitude_um']:.2g} µm at {r['frequency_Hz']:.2f} Hz" for r in rows)
+    waves = _listed([f"{r['amplitude_um']:.2g} µm at {r['frequency_Hz']:.2f} Hz" for r in rows])
     alike = sorted({i for r in rows for i in r["alternatives"]})
     return (
         f"The instrument's signal hums: {waves} (amplitude), alike wherever the machine stands. That is the mains or "
@@ -119,9 +119,9 @@ def common_sentence(data: Mapping[str, Any], calibrated: Iterable[str]) -> str:
             "campaign's clock. That is in no effect of the model."
         )
     if off := data.get("bar_gain_percent"):
-        told.append(f"The ball bar reads too much or too little, by some {off:.1g} %. Have it calibrated.")
+        told.append(f"The ball bar reads too much or too little, by some {off:.1g} %: have it calibrated.")
     if shares := data.get("friction_varies_percent"):
-        axes = " and ".join(f"{percent:.2g} % on {axis}" for axis, percent in shares.items())
+        axes = _listed([f"{percent:.2g} % on {axis}" for axis, percent in shares.items()])
         told.append(
             f"The friction varies by about {axes} (RMS), with the direction, along the travel or in a turn of the "
             "motor. It is in no effect of the model."
@@ -420,6 +420,11 @@ def _calibration_row(c: Calibration) -> dict:
         "observable": c.observable,
         "rms_um": _r(c.rms / UM),
     }
+
+
+def _listed(parts: Sequence[str]) -> str:
+    """A, B and C."""
+    return " and ".join([", ".join(parts[:-1]), *parts[-1:]] if parts[1:] else parts)
 
 
 def _r(x: float) -> float:
