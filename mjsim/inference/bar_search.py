@@ -3,11 +3,6 @@
 A machine for which no tolerance is stated may be as its file says but for a few causes, or have all the small errors of
 its class. Both are searched, and the evidence says which it is.
 
-A servo fault that is large is found before anything else. An axis that lags far more than its data sheet says moves
-every mark in the readings. Triggers then follow it into false minima, and so does what a machine may have: no linear
-problem at such a fit shows the cause. The data sheet tells where it is, since the position gain of the axis is driven
-off its tolerance.
-
 Effects that act in one direction of motion only, such as a worm wheel that is worn on one flank, are no seeds of their
 own. Where one direction has a dent, the same dent in both explains about half of it, so that the best seeds of the
 whole effect say where to look. Where the effect is in the model already, what it leaves may be the difference of the
@@ -23,10 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.effects import registry
 from mjsim.inference.bar_gain import gain_of_bar
 from mjsim.inference.calibration import Calibrated, calibrated_effects, expected_effects
-from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.discrepancy import CommonError, Discrepancy, Sizes
 from mjsim.inference.disturbances import readmitted, without_disturbances
 from mjsim.inference.drift import drift_of_machine
@@ -59,70 +52,14 @@ from mjsim.inference.spectrum import spectral_candidates
 from mjsim.inference.unknown_curves import Curve, ModesBeside, best_curves
 from mjsim.inference.varying_friction import variation_of_friction
 from mjsim.machine.effect import Effect
-from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 
-#: What a lag may come from, the likeliest first. Where they are small, they cannot be told apart.
-_LAGS = ("servo_gain", "servo_delay", "velocity_feedforward")
-#: Mean square of the whitened residuals above which a model is far from the data (assumed).
-_FAR = 2.0
-#: A position gain is suspected whose penalty in the objective is that of so many standard deviations (assumed).
-_SUSPECTED = 4.0
-#: Share of the sum of squares that a servo fault must take away (assumed).
-_WON = 0.5
 #: Seeds of one effect that are tried in each direction, the best first.
 _SEEDS = 3
 #: Most times that what friction does is derived anew at the drives that are fitted beside it.
 _FOLLOWING = 4
 #: Waves of each axis that are looked at, the best of all orders; and most that one pitch error is given.
 _LOOKED_AT, _WAVES = 6, 12
-
-
-def with_servo_fault(refit: Callable[[list[EffectVector]], Fit], fit: Fit, clearly: float) -> Fit:
-    """``fit`` with a free gain, delay or feedforward of one axis or more beside its effects, where these explain most
-    of what is left; otherwise as it is. What they are called in the end is for the evidence to say.
-
-    Args:
-        refit: Fits a model anew, from the machine as given.
-        fit: Of everything that a machine may have.
-        clearly: A later kind must leave a sum of squares that is less by so much.
-    """
-    while _misfit(fit) > _FAR and (axis := _suspected(fit)) is not None:
-        best = fit
-        for kind in _LAGS:
-            trial = refit([*fit.effects, _free(kind, axis, fit.base)])
-            if best is fit and trial.sum_squares > (1.0 - _WON) * fit.sum_squares:
-                return fit
-            if best is fit or trial.sum_squares < best.sum_squares - clearly:
-                best = trial
-        fit = best
-    return fit
-
-
-def _free(kind: str, axis: str, machine: Machine) -> EffectVector:
-    """A free effect that starts as ``machine`` has it, or without influence."""
-    effect_class = registry.kinds()[kind]
-    neutral = {p.name: p.neutral for p in effect_class.parameters if p.neutral is not None}
-    effect = machine.effect(f"{kind}.{axis}") or effect_class(axis, **neutral)
-    return EffectVector(effect, tuple(neutral))
-
-
-def _misfit(fit: Fit) -> float:
-    return fit.sum_squares / len(fit.residual)
-
-
-def _suspected(fit: Fit) -> str | None:
-    """The axis without a fitted servo fault whose position gain is farthest off its data sheet; ``None`` where none is
-    suspected. While a model is far from the data, priors weigh as much more as it leaves.
-    """
-    known = {f.effect.subject for f in fit.effects if f.effect.kind in _LAGS}
-    off = {
-        p.axis: abs(deviation) * math.sqrt(_misfit(fit))
-        for p, deviation in zip(data_sheet(fit.base.chain), fit.sheet_deviation, strict=True)
-        if p.name == "position_gain" and p.axis not in known
-    }
-    axis = max(off, key=lambda a: off[a], default=None)
-    return axis if axis is not None and off[axis] > _SUSPECTED else None
 
 
 def in_each_direction(effect: Effect) -> list[Effect]:
@@ -356,10 +293,6 @@ class BarSearch(Search[Problem]):
     # -- models --------------------------------------------------------------------------------------------------------
 
     def _first(self, effects: list[EffectVector]) -> Fit:
-        """Effects fitted from the machine as given, with an axis that lags far behind where it must."""
-        return with_servo_fault(self._anew, self._anew(effects), NEAR)
-
-    def _anew(self, effects: Sequence[EffectVector]) -> Fit:
         """Effects fitted from the machine as given, with triggers that stand in no false minimum."""
         fit = self.fitter.fit(list(effects), exact=False, iterations=FIRST)
         better = retimed(self.plain, fit)

@@ -18,8 +18,7 @@ _MOVED = 0.25
 #: Relative change of a number over which its derivatives are taken as the same. All torques of a drive times one factor
 #: give the same motion, and derivatives over 10 % hide that: they seem to tell the factor.
 LINEAR = 0.002
-#: A setting that everybody can read in the control: a stated factor does not widen it for ball-bar tests. There it also
-#: is what a servo fault is told by.
+#: A setting that everybody can read in the control: a stated factor does not widen it for ball-bar tests.
 _READ = "position_gain"
 #: Effects whose size is a number of the data sheet over the stated one, by kind.
 OF_SHEET = {
