@@ -10,25 +10,29 @@ from __future__ import annotations
 import numpy as np
 
 from mjsim.inference.discrepancy import CommonError
-from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
 from mjsim.instruments.ball_bar.measurement import BallBarData
+from mjsim.machine.model import Machine, build
 
 #: Standard deviation of the gain of a bar without a certificate (assumed).
 _USUAL = 0.01
 
 
-def gain_of_bar(problem: Problem, fit: Fit) -> CommonError:
-    """The one shape of a gain, which is what is read; the size is the share by which it is off.
+def gain_of_bar(problem: Problem, machine: Machine) -> CommonError:
+    """The one shape of a gain; the size is the share by which it is off.
+
+    It is what the machine as given reads. What a set-up adds to that is a part of every model anyway. A fitted machine
+    would bring what its fit lacks, and a measured reading its noise: both explain too much.
 
     Args:
         problem: The measured tests.
-        fit: Of the machine: what was measured itself would explain its noise.
+        machine: The machine as given.
     """
+    readings = problem.readings(build(machine))
 
     def one(k: int) -> np.ndarray:
         bar = problem.campaign.instruments[problem.tests[k].instrument]
         known = not isinstance(bar, BallBarData) or bar.certificate
-        return (0.0 if known else 1.0) * (fit.readings[k] + problem.offsets(k, fit.nuisance))[:, None]
+        return (0.0 if known else 1.0) * readings[k][:, None]
 
     return CommonError("bar_gain", _USUAL, problem.map(one))

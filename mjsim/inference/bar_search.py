@@ -166,8 +166,8 @@ class BarSearch(Search[Problem]):
         self._common: tuple[CommonError, ...] = (
             turns_of_slides(fitter.problem, fitter.machine),
             drift_of_machine(fitter.problem, fitter.machine),
+            gain_of_bar(fitter.problem, fitter.machine),
         )
-        self._gain: tuple[CommonError, ...] = ()
         self._varying: tuple[CommonError, ...] = ()
         self._shifts: Sequence[float] = ()
         self._followed_last: Model[Problem] | None = None
@@ -254,11 +254,10 @@ class BarSearch(Search[Problem]):
         return Found(self.fitter.fit([], exact=False), model, self.signatures_at(model)[0], self.trail)
 
     def _discrepancy(self) -> Discrepancy:
-        return Discrepancy.of_tests(self.plain, (*self._common, *self._gain, *self._varying), self._shifts)
+        return Discrepancy.of_tests(self.plain, (*self._common, *self._varying), self._shifts)
 
     def _follow(self, fit: Fit) -> None:
         self._shifts = [self.plain.shift(k, fit.nuisance) for k in range(len(self.plain.tests))]
-        self._gain = (gain_of_bar(self.plain, fit),)
         self._varying = tuple(variation_of_friction(self.plain, fit.simulated_machine))
         self._begin_with(self.plain.local)
 
