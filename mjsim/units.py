@@ -7,6 +7,7 @@ written in one place only.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 #: Suffix of a parameter name -> (factor to SI, the symbol that is shown).
 UNITS: dict[str, tuple[float, str]] = {
@@ -66,3 +67,8 @@ def percent(p: float) -> str:
     if p > 0.9995:
         return "over 99.9 %"
     return f"{100.0 * p:.1f} %" if p > 0.99 else f"{100.0 * p:.0f} %" if p >= 0.01 else "below 1 %"
+
+
+def listed(parts: Sequence[str], last: str = "and") -> str:
+    """One part or more as in a sentence: A, B and C."""
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"

@@ -29,7 +29,7 @@ from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io import files
 from mjsim.io.extras import need
 from mjsim.machine.model import Machine
-from mjsim.units import UM
+from mjsim.units import UM, listed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,7 +76,7 @@ def hum_sentence(rows: Sequence[dict]) -> str:
     """
     if not rows:
         return ""
-    waves = _listed([f"{r['amplitude_um']:.2g} µm at {r['frequency_Hz']:.2f} Hz" for r in rows])
+    waves = listed([f"{r['amplitude_um']:.2g} µm at {r['frequency_Hz']:.2f} Hz" for r in rows])
     alike = sorted({i for r in rows for i in r["alternatives"]})
     return (
         f"The instrument's signal hums: {waves} (amplitude), alike wherever the machine stands. That is the mains or "
@@ -121,7 +121,7 @@ def common_sentence(data: Mapping[str, Any], calibrated: Iterable[str]) -> str:
     if off := data.get("bar_gain_percent"):
         told.append(f"The ball bar reads too much or too little, by some {off:.1g} %: have it calibrated.")
     if shares := data.get("friction_varies_percent"):
-        axes = _listed([f"{percent:.2g} % on {axis}" for axis, percent in shares.items()])
+        axes = listed([f"{percent:.2g} % on {axis}" for axis, percent in shares.items()])
         told.append(
             f"The friction varies by about {axes} (RMS), with the direction, along the travel or in a turn of the "
             "motor. It is in no effect of the model."
@@ -256,14 +256,7 @@ class Diagnosis:
             "friction_varies_percent": {
                 name[-1]: _r(size / 1e-2) for name, size in self.common.items() if name.startswith("friction_varies")
             },
-            "hum": [
-                {
-                    "amplitude_um": _r(hum.amplitude / UM),
-                    "frequency_Hz": _r(hum.frequency),
-                    "alternatives": list(hum.alternatives),
-                }
-                for hum in self.hums
-            ],
+            "hum": [hum.to_json() for hum in self.hums],
             "louder": [place.to_json() for place in self.louder],
         }
 
@@ -420,11 +413,6 @@ def _calibration_row(c: Calibration) -> dict:
         "observable": c.observable,
         "rms_um": _r(c.rms / UM),
     }
-
-
-def _listed(parts: Sequence[str]) -> str:
-    """A, B and C."""
-    return " and ".join([", ".join(parts[:-1]), *parts[-1:]] if parts[1:] else parts)
 
 
 def _r(x: float) -> float:

@@ -458,7 +458,7 @@ class RestSearch(Search[RestProblem]):
     def _discrepancy(self) -> Discrepancy:
         return self.plain.discrepancy
 
-    def _first(self, effects: list[EffectVector]) -> Fit:
+    def _first(self, effects: Sequence[EffectVector]) -> Fit:
         """Effects fitted from the machine as given, with those that another instrument has found."""
         known = {c.key: c for c in self.expected}
         every = {f.effect.key: f for f in effects}

@@ -11,6 +11,7 @@ import numpy as np
 
 from mjsim.inference.discrepancy import CommonError
 from mjsim.inference.problem import Problem
+from mjsim.inference.samples import GRID_STEPS
 from mjsim.instruments.ball_bar.measurement import BallBarData
 from mjsim.machine.model import Machine, build
 
@@ -28,11 +29,12 @@ def gain_of_bar(problem: Problem, machine: Machine) -> CommonError:
         problem: The measured tests.
         machine: The machine as given.
     """
-    readings = problem.readings(build(machine))
+    plant = build(machine)
 
     def one(k: int) -> np.ndarray:
         bar = problem.campaign.instruments[problem.tests[k].instrument]
-        known = not isinstance(bar, BallBarData) or bar.certificate
-        return (0.0 if known else 1.0) * readings[k][:, None]
+        if not isinstance(bar, BallBarData) or bar.certificate:
+            return np.zeros((len(problem.sensitivity[k].axes), 1))
+        return problem.motions[k].reading(plant, GRID_STEPS)[:, None]
 
     return CommonError("bar_gain", _USUAL, problem.map(one))

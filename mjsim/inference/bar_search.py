@@ -291,7 +291,7 @@ class BarSearch(Search[Problem]):
 
     # -- models --------------------------------------------------------------------------------------------------------
 
-    def _first(self, effects: list[EffectVector]) -> Fit:
+    def _first(self, effects: Sequence[EffectVector]) -> Fit:
         """Effects fitted from the machine as given, with triggers that stand in no false minimum."""
         fit = self.fitter.fit(list(effects), exact=False, iterations=FIRST)
         better = retimed(self.plain, fit)

@@ -1,8 +1,8 @@
 """What the readings show where a machine warms and cools while it is measured: its tool drifts against its table.
 
 Every machine drifts by some micrometres in an hour, with its own heat and with the hall's, and seldom as an exponential
-(ISO 230-3). A set-up takes up where the balls are, but not how they move while it span. It is one drift, on one clock:
-tests that follow each other see the same.
+(ISO 230-3). A set-up takes up where the balls are, but not how they move while a test runs. It is one drift, on one
+clock: tests that follow each other see the same.
 
 A shape is a wave of the campaign's clock, times what the reading shows of a displacement along a linear axis. Waves of
 n halves over the campaign have an amplitude of 1/n, as a random walk has. No iron warms and cools within two minutes:

@@ -204,7 +204,10 @@ class Fitter:
             weight = max(1.0, now.sum_squares / self.problem.count)
             if fresh and exact and iteration:
                 sheet, white = self._sheet_columns(now)
-            now = self._linearised(now, white, weight) if fresh else self._with_step(now, weight)
+            if fresh:
+                now = self._linearised(now, white, weight)
+            else:
+                now = self._with_step(now, replace(now.linear, weight=weight))
             white = now.design.rest[:, : white.shape[1]]  # one copy of these large columns is enough
             promised = now.linear.gain(now.step)
             if promised < CONVERGED:
@@ -323,13 +326,9 @@ class Fitter:
 
     def _with_equations(self, fit: Fit, design: Design, weight: float = 1.0) -> Fit:
         """The model with a design and its Gauss-Newton step."""
-        equations = LeastSquares.of_design(fit.parameters, design, weight)
-        return self._with_step(replace(fit, design=design, equations=equations), weight)
+        return self._with_step(replace(fit, design=design), LeastSquares.of_design(fit.parameters, design, weight))
 
     @staticmethod
-    def _with_step(fit: Fit, weight: float) -> Fit:
-        """The model with the Gauss-Newton step of the design that it has, be it from an earlier point; priors count
-        ``weight`` times now.
-        """
-        equations = replace(fit.linear, weight=weight)
+    def _with_step(fit: Fit, equations: LeastSquares) -> Fit:
+        """The model with the Gauss-Newton step of the design that it has, be it from an earlier point."""
         return replace(fit, equations=equations, step=equations.step(fit.design.T @ fit.residual, fit.vector))

@@ -409,7 +409,7 @@ class Search(Ascent[Model[D]]):
         return self.discrepancy
 
     @abstractmethod
-    def _first(self, effects: list[EffectVector]) -> Fit:
+    def _first(self, effects: Sequence[EffectVector]) -> Fit:
         """Effects fitted from the machine as given."""
 
     def _follow(self, fit: Fit) -> None:

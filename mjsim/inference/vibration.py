@@ -69,6 +69,14 @@ class Hum:
     phases: dict[str, float]
     alternatives: tuple[str, ...] = ()
 
+    def to_json(self) -> dict:
+        """As in the JSON of ``mjsim diagnose``."""
+        return {
+            "amplitude_um": round(self.amplitude / UM, 4),
+            "frequency_Hz": round(self.frequency, 4),
+            "alternatives": list(self.alternatives),
+        }
+
 
 @dataclass(frozen=True)
 class Record:

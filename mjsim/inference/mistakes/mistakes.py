@@ -10,6 +10,7 @@ import numpy as np
 from mjsim.campaign.model import Campaign
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import Trace
+from mjsim.units import listed
 
 #: What a unit's readings have to be multiplied with when they were taken for µm.
 UNITS = {"mm": 1e3, "inch": 25.4e3, "mil": 25.4, "microinch": 25.4e-3, "nm": 1e-3, "m": 1e6}
@@ -187,5 +188,4 @@ def corrected(campaign: Campaign, mistakes: tuple[Mistake, ...]) -> Campaign:
 
 
 def _names(names: tuple[str, ...], last: str = "and") -> str:
-    quoted = [f'"{n}"' for n in names]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} {last} {quoted[-1]}"
+    return listed([f'"{n}"' for n in names], last)

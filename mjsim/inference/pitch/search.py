@@ -63,7 +63,7 @@ class GearSearch(BarSearch):
 
     def _model_with(self, effects: Sequence[EffectVector], expected: Mapping[str, Calibrated]) -> Model[Problem]:
         """The model with these effects; a quick local fault must not pass for a disturbance before it is known."""
-        return self._settled(self._model_of(self._first([*effects]), dict(expected)))
+        return self._settled(self._model_of(self._first(effects), dict(expected)))
 
     def _waves(self, axis: str, rows: list[list[float]], direction: str = "") -> EffectVector:
         """A pitch error with these components, free to be fitted."""
