@@ -183,6 +183,23 @@ def test_progress_is_told(m1, tests):
 def test_nothing_is_left_installed(m1, tests):
     simulate(m1, tests[:1])
     assert mujoco.get_mjcb_control() is None
+    assert mujoco.get_mjcb_time() is None
+
+
+def test_a_users_clock_is_left_as_it_was(m1, tests):
+    heard = []
+
+    def clock():
+        heard.append(0.0)
+        return 0.0
+
+    mujoco.set_mjcb_time(clock)
+    try:
+        simulate(m1, tests[:1])
+        assert mujoco.get_mjcb_time() is clock
+        assert not heard
+    finally:
+        mujoco.set_mjcb_time(None)
 
 
 def test_no_warnings_from_mujoco(machine, tests):

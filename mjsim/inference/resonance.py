@@ -19,7 +19,6 @@ from typing import cast
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import cont2discrete, lfilter
 
 from mjsim.inference.curve_terms import STRUCTURE, SWING, CurveTerm, CurveTerms, SwingColumns
 from mjsim.inference.samples import GRID, GRID_STEPS
@@ -48,6 +47,8 @@ def swing(acceleration: np.ndarray, frequency: float, damping: float, step: floa
     Returns:
         Of the mass, (n, k) m. It is at rest until the acceleration rises, in the step before the first instant.
     """
+    from scipy.signal import cont2discrete, lfilter  # slow to load, and most machines do not ring
+
     omega = 2.0 * np.pi * frequency
     mass = ([-1.0], [1.0, 2.0 * damping * omega, omega**2])
     top, bottom, *_ = cast(tuple[np.ndarray, ...], cont2discrete(mass, step, method="foh"))

@@ -33,10 +33,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
-from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 from scipy.ndimage import minimum_filter1d
-from scipy.signal import savgol_coeffs, savgol_filter
 
 from mjsim.effects import registry
 from mjsim.inference.axis_logs.candidates import Candidate, wave_entries
@@ -489,6 +487,8 @@ def _motion(recorded: np.ndarray, smooth: np.ndarray, step: float, noise: float,
         noise: RMS of theirs.
         over: Time that a parabola spans, s.
     """
+    from scipy.signal import savgol_coeffs, savgol_filter  # slow to load
+
     width = 2 * _reach(over, step) + 1
     wide, velocity, acceleration = (
         np.asarray(savgol_filter(recorded, width, 2, deriv=n, delta=step)) for n in range(3)
@@ -507,6 +507,8 @@ def _motion(recorded: np.ndarray, smooth: np.ndarray, step: float, noise: float,
 
 def _smoothed(recorded: np.ndarray, noise: float, widest: int) -> np.ndarray:
     """Recorded positions (n,) with less noise: by the widest parabolas that leave no more than the noise around."""
+    from scipy.signal import savgol_filter  # slow to load
+
     out, width = recorded, 5
     while width <= widest:
         smooth = np.asarray(savgol_filter(recorded, width, 2))
@@ -527,6 +529,9 @@ def _bend(d: AxisData) -> np.ndarray:
     They are those of a cubic spline, through the widest quartics that leave no more than the noise anywhere around. A
     swing of the motor that is lost here is missed in that of the load, times the resonance.
     """
+    from scipy.interpolate import CubicSpline  # slow to load
+    from scipy.signal import savgol_filter
+
     recorded, noise, width = d.record.actual, _least_noise(d), 7
     out = recorded
     while width <= 2.0 * _SMOOTH / d.step:
