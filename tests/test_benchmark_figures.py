@@ -227,6 +227,16 @@ def test_the_page_has_every_world_and_every_miss(tmp_path):
     )
 
 
+def test_versions_before_the_last_have_a_column_and_count_nowhere_else(tmp_path):
+    old = row(finding("servo_gain.Y", 0.98)) | {"name": "old alarm", "category": "null", "world": "wild", "commit": "a"}
+    new = row() | {"name": "new", "category": "null", "world": "wild", "commit": "b"}
+    lines = page([score(old), score(new)], [], "", tmp_path)
+    assert "|  | wild | wild, versions before | target |" in lines
+    assert "| false alarms on sound machines | 0/1 = 0.0 % [0, 98] | 1/1 = 100.0 % [2, 100] | at most 1 % |" in lines
+    assert not any("old alarm" in line for line in lines)
+    assert "This version of the program gives no probabilities." in lines
+
+
 def test_the_published_half_is_run_by_whole_worlds(monkeypatch, capsys, tmp_path):
     def call(*arguments):
         monkeypatch.setattr(sys, "argv", ["benchmark_diagnosis", *arguments])

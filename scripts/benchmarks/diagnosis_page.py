@@ -65,18 +65,19 @@ The words:
 
 
 def page(scores: list[Score], simple: list[dict], remark: str, folder: Path) -> list[str]:
-    """Lines of the page; the figure goes to ``folder``/images.
+    """Lines of the page; the figure goes to ``folder``/images. Answers of versions before the last one of a world have
+    a column of their own in the first table, and count nowhere else.
 
     Args:
-        scores: Of the answers of the diagnosis.
+        scores: Of the answers of the diagnosis, in the order in which they were given.
         simple: Rows of two simple methods.
         remark: Paragraphs for its head.
         folder: Of the page.
     """
-    worlds = {w: [s for s in scores if s.row["world"] == w] for w in WORLDS}
-    worlds = {w: mine for w, mine in worlds.items() if mine}
-    rows = [[name, *(rate(*counts(f, mine)) for mine in worlds.values()), target] for name, f, target in FIGURES]
-    medians = map(median_predicted, worlds.values())
+    worlds, columns = by_version(scores)
+    scores = [s for mine in worlds.values() for s in mine]
+    rows = [[name, *(rate(*counts(f, mine)) for mine in columns.values()), target] for name, f, target in FIGURES]
+    medians = map(median_predicted, columns.values())
     rows.append(["share of the error of other tests predicted, median", *medians, "wild 0.9"])
     return [
         "# How far the diagnosis can be trusted",
@@ -85,13 +86,27 @@ def page(scores: list[Score], simple: list[dict], remark: str, folder: Path) -> 
         "",
         *_coverage(worlds),
         *paragraphs(remark),
-        *table(["", *worlds, "target"], rows),
+        *table(["", *columns, "target"], rows),
         *_intervals(scores),
         *_calibration(worlds, folder),
         *_detection(worlds),
         *_beside_simple_methods(worlds, simple),
         *(line for w, mine in worlds.items() for line in _misses(w, mine)),
     ]
+
+
+def by_version(scores: list[Score]) -> tuple[dict[str, list[Score]], dict[str, list[Score]]]:
+    """Answers by world, of the version that has answered last in it; and the same with those of all versions before,
+    where there are some.
+    """
+    worlds, before = {}, {}
+    for w in WORLDS:
+        mine = [s for s in scores if s.row["world"] == w]
+        if mine:
+            is_last = [s.row.get("commit") == mine[-1].row.get("commit") for s in mine]
+            worlds[w] = [s for s, last in zip(mine, is_last, strict=True) if last]
+            before[f"{w}, versions before"] = [s for s, last in zip(mine, is_last, strict=True) if not last]
+    return worlds, worlds | {w: mine for w, mine in before.items() if mine}
 
 
 def table(head: list[str], rows: list[list[str]]) -> list[str]:
@@ -109,11 +124,12 @@ def paragraphs(text: str) -> list[str]:
 def summary(scores: list[Score]) -> list[str]:
     """Lines for the terminal: the figures of each world, then one line per miss."""
     out = []
-    for w in WORLDS:
-        if mine := [s for s in scores if s.row["world"] == w]:
-            out += [f"{w} machines, {len(mine)} campaigns; {_seconds(mine)}"]
-            out += [f"  {name}: {rate(*counts(f, mine))}" for name, f, _ in FIGURES]
-            out.append(f"  share of the error of other tests predicted, median: {median_predicted(mine)}")
+    worlds, columns = by_version(scores)
+    scores = [s for mine in worlds.values() for s in mine]
+    for w, mine in columns.items():
+        out += [f"{w}: {len(mine)} campaigns; {_seconds(mine)}"]
+        out += [f"  {name}: {rate(*counts(f, mine))}" for name, f, _ in FIGURES]
+        out.append(f"  share of the error of other tests predicted, median: {median_predicted(mine)}")
     for name, numbers in interval_groups(scores).items():
         inside = sum(n.inside for n in numbers)
         out.append(f"intervals that hold, {name}: {rate(inside, len(numbers))}, rms z {rms_z(numbers):.2f}")
