@@ -8,11 +8,12 @@ the MuJoCo simulation.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import RLock
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +29,9 @@ from mjsim.simulation.transmission import transmit
 
 #: Time after the program's end that is still simulated, s (trigger shifts look there).
 TAIL = 0.1
+#: Delays of a drive of which the commands are kept: that of a model, and one beside it for a derivative.
+_DELAYS = 2
+T = TypeVar("T")
 
 
 def time_grid(program: Program) -> np.ndarray:
@@ -54,6 +58,16 @@ def behind(program: Program, time: np.ndarray, commands: np.ndarray, plant: Plan
             if delays[i] == delay:
                 out[:, i] = moved[:, i]
     return out
+
+
+def _remembered(kept: OrderedDict[Any, T], most: int, key: Any, compute: Callable[[], T]) -> T:
+    """What is kept under a key, computed where it is not; of several, the ``most`` that were asked for last stay."""
+    if key not in kept:
+        kept[key] = compute()
+        while len(kept) > most:
+            kept.popitem(last=False)
+    kept.move_to_end(key)
+    return kept[key]
 
 
 def _driven(drive: AxisPlant, commands: np.ndarray, step: float, substeps: int = SUBSTEPS) -> np.ndarray:
@@ -121,6 +135,7 @@ class AxesMotion:
     def __post_init__(self) -> None:
         self.program = Program(self.test)
         self._kept: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
+        self._late: dict[str, OrderedDict] = {a: OrderedDict() for a in self.test.chain.letters}
         self._turn = RLock()
 
     def read_as(self, test: BallBarTest) -> AxesMotion:
@@ -149,13 +164,7 @@ class AxesMotion:
         substeps = substeps or self.substeps
         kept, key = self._kept[axis], (every, substeps, drive.key())
         with self._turn:
-            if key in kept:
-                kept.move_to_end(key)
-                return kept[key]
-            kept[key] = out = self._motor(axis, drive, every, substeps)
-            while len(kept) > self.keep:
-                kept.popitem(last=False)
-            return out
+            return _remembered(kept, self.keep, key, lambda: self._motor(axis, drive, every, substeps))
 
     def motor_change(self, axis: str, before: AxisPlant, after: AxisPlant, every: int = 1) -> np.ndarray:
         """How far another drive moves the motor of one axis, in axis units at every ``every``-th instant.
@@ -166,11 +175,20 @@ class AxesMotion:
         return self._motor(axis, after, every, n) - self.motor(axis, before, every, n)
 
     def _motor(self, axis: str, drive: AxisPlant, every: int, substeps: int) -> np.ndarray:
-        i = self.test.chain.index(axis)
-        r = self.program.late(i, self.commands, STEP, drive.delay) if drive.delay else self.commands[:, i]
+        r = self._command(axis, drive.delay)
         # an axis that never moves stays: the integrator holds gravity
-        moved = _driven(drive, r, STEP, substeps) if self.moves[i] else r
+        moved = _driven(drive, r, STEP, substeps) if self.moves[self.test.chain.index(axis)] else r
         return np.ascontiguousarray(moved[::every])
+
+    def _command(self, axis: str, delay: float) -> np.ndarray:
+        """The command of an axis as its drive receives it, (n,): most drives that are tried have the same delay."""
+        i = self.test.chain.index(axis)
+        if not delay:
+            return self.commands[:, i]
+        with self._turn:
+            return _remembered(
+                self._late[axis], _DELAYS, delay, lambda: self.program.late(i, self.commands, STEP, delay)
+            )
 
     def load(self, plant: Plant, every: int = 1) -> np.ndarray:
         """Load-side axis positions, m and rad, at every ``every``-th instant.
@@ -198,6 +216,8 @@ class AxesMotion:
         """Give back the fine time grid and its commands, which are many times as much as what is kept of the drives."""
         for name in ("time", "commands"):
             vars(self).pop(name, None)
+        for kept in self._late.values():
+            kept.clear()
 
     def sensitivity(self, plant: Plant, every: int = 1) -> BarSensitivity:
         """The reading's derivatives at every ``every``-th instant, at the positions that the axes reach. The spindle
