@@ -10,7 +10,7 @@ from scipy.stats import ncx2
 
 from mjsim.inference.discrepancy import Common, Discrepancy, Sizes, _harmonics
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
-from mjsim.inference.linear_model import LinearModel, Products
+from mjsim.inference.linear_model import Knots, LinearModel, Products
 from mjsim.inference.posterior import beyond
 from mjsim.inference.samples import revolution_time
 from mjsim.inference.whitening import Whitening
@@ -172,7 +172,7 @@ def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():
     knots = rng.standard_normal((60, 4)) * (rng.random((60, 4)) < 0.3)
     roots = [rng.standard_normal((4, 3)), rng.standard_normal((4, 2))]
     sparse = csr_array(knots)
-    curves = Products(d, columns).extended(further).with_curves([(sparse, root) for root in roots])
+    curves = Products(d, columns).extended(further).with_curves(Knots([sparse, sparse], d.rows), roots)
     more = LinearModel(curves, rows, np.append(prior, np.ones(7)), np.zeros(10))
     known = covariance + sum(knots @ root @ root.T @ knots.T for root in roots)
     expected = -0.5 * (rows @ np.linalg.solve(known, rows) + np.linalg.slogdet(known)[1])

@@ -23,7 +23,7 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.least_squares import ridge_solution
 from mjsim.inference.linear_evidence import Columns, LinearEvidence
-from mjsim.inference.linear_model import LinearModel, Products, marginalised
+from mjsim.inference.linear_model import Knots, LinearModel, Products, marginalised
 from mjsim.inference.signatures import Bank, Candidate, Offer, Row, feasible_share, seeds
 from mjsim.inference.unknown_curves import Curve
 from mjsim.machine.effect import Effect
@@ -237,7 +237,8 @@ class Hypotheses:
             h = Hypothesis(curve.name, curve.log_odds, curve.widths, curve=curve, present=curve.present)
             rows.append((h, place + np.arange(curve.root.shape[1])))
             place += curve.root.shape[1]
-        products = products.extended(*more).with_curves([(curve.rows, curve.root) for curve in curves])
+        knots = Knots([curve.rows for curve in curves], products.discrepancy.rows)
+        products = products.extended(*more).with_curves(knots, [curve.root for curve in curves])
         self.all = [*(h for h, _ in inside), *(h for h, _ in rows)]
         #: Log evidence of the model without any of them, and the linear problem, at each level.
         self.levels = self._evidence(products, design, width, inside, rows, levels)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -67,6 +68,36 @@ class ProductsOfTest:
         total[behind, behind] += weight * self.knots
 
 
+class Knots:
+    """Columns of the knots of curves, and their products with each other in every test: they are the same as long as
+    the curves are, wherever the machine is.
+
+    Args:
+        rows: Rows by the values at the knots, whitened by the campaign's noise alone, (count, knots) for each curve,
+            the same ones where curves share them.
+        tests: Rows of each test.
+    """
+
+    def __init__(self, rows: Sequence[csr_array], tests: Sequence[slice]) -> None:
+        self._rows = {id(r): r for r in rows}
+        ends = np.cumsum([0, *(np.shape(r)[1] for r in self._rows.values())]).tolist()
+        places = {key: slice(a, b) for key, (a, b) in zip(self._rows, pairwise(ends), strict=True)}
+        #: Places of the knots of each curve.
+        self.places = [places[id(r)] for r in rows]
+        self.number = ends[-1]
+        self.columns = csr_array(hstack([*self._rows.values()] or [csr_array((tests[-1].stop, 0))]))
+        self.of_tests = [self.columns[at] for at in tests]
+
+    @cached_property
+    def products(self) -> list[np.ndarray]:
+        """Products of the columns with each other in every test, (knots, knots) each."""
+        return [(own.T @ own).toarray() for own in self.of_tests]
+
+    def are_of(self, rows: Sequence[csr_array]) -> bool:
+        """Whether the curves have the same knots."""
+        return [*self._rows] == [*{id(r): r for r in rows}]
+
+
 class Products:
     """Products of columns with each other, test by test, and along the basis of the discrepancy: all that a linear
     model needs of them for any sizes.
@@ -78,7 +109,7 @@ class Products:
 
     def __init__(self, discrepancy: Discrepancy, columns: np.ndarray) -> None:
         self.discrepancy, self.blocks = discrepancy, [columns]
-        self._knots = csr_array((len(columns), 0))
+        self._knots = Knots([], discrepancy.rows)
         self._curves: list[tuple[slice, np.ndarray]] = []
         self._gram = [columns[at].T @ columns[at] for at in discrepancy.rows]
         self._along = [basis.T @ columns[at] for basis, at in discrepancy.tests]
@@ -96,7 +127,7 @@ class Products:
     @property
     def knots(self) -> int:
         """Number of knots of all curves."""
-        return max((at.stop for at, _ in self._curves), default=0)
+        return self._knots.number
 
     def with_discrepancy(self, discrepancy: Discrepancy) -> Products:
         """The same for a discrepancy with the same basis, and other common errors."""
@@ -118,18 +149,15 @@ class Products:
         out.blocks = [*self.blocks, *blocks]
         return out
 
-    def with_curves(self, curves: Sequence[tuple[csr_array, np.ndarray]]) -> Products:
+    def with_curves(self, knots: Knots, roots: Sequence[np.ndarray]) -> Products:
         """The same with the columns of curves behind the others. They would fill hundreds of MB, and are never made.
 
         Args:
-            curves: Rows by the values at the knots, whitened by the campaign's noise alone, (count, knots), the same
-                ones where curves share them; and what makes these values of the coefficients, (knots, k).
+            knots: Of the curves.
+            roots: What makes the values at the knots of the coefficients of each curve, (knots, k).
         """
         out = copy(self)
-        rows, counts = {id(r): r for r, _ in curves}, {id(r): len(root) for r, root in curves}
-        ends = dict(zip(counts, np.cumsum([*counts.values()]).tolist(), strict=True))
-        out._knots = csr_array(hstack([*rows.values()])) if rows else self._knots
-        out._curves = [(slice(ends[id(r)] - len(root), ends[id(r)]), root) for r, root in curves]
+        out._knots, out._curves = knots, [*zip(knots.places, roots, strict=True)]
         return out
 
     def times(self, x: np.ndarray) -> np.ndarray:
@@ -142,7 +170,7 @@ class Products:
         for at, root in self._curves:
             values[at] += root @ x[first : first + root.shape[1]]
             first += root.shape[1]
-        return out + self._knots @ values
+        return out + self._knots.columns @ values
 
     def of_test(self, k: int, residual: np.ndarray) -> ProductsOfTest:
         """Products of the columns that reach a test, of the residual and of the knots.
@@ -154,7 +182,7 @@ class Products:
         basis, at = self.discrepancy.basis[k], self.discrepancy.rows[k]
         # set-up and trigger of one test are in no other: only the columns that reach a test are multiplied
         live = np.flatnonzero(np.diag(self._gram[k]))
-        first, knots = self.blocks[0][at, live], self._knots[at]
+        first, knots = self.blocks[0][at, live], self._knots.of_tests[k]
         own = np.hstack([*(b[at] for b in self.blocks[1:]), residual[at, None]])
         seen = np.flatnonzero(own.any(axis=0))
         own, across = own[:, seen], first.T @ own[:, seen]
@@ -163,7 +191,7 @@ class Products:
             np.append(live, self.blocks[0].shape[1] + seen),
             gram,
             np.vstack([(knots.T @ first).T, (knots.T @ own).T]),
-            (knots.T @ knots).toarray(),
+            self._knots.products[k],
             np.hstack([self._along[k][:, live], basis.T @ own]),
             (knots.T @ basis).T,
         )

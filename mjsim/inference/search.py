@@ -26,7 +26,7 @@ from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.hypotheses import Hypotheses, Judged, log_odds_of, with_prior_of_size
 from mjsim.inference.linear_evidence import WORTH, Chosen, without
-from mjsim.inference.linear_model import LinearModel, Products
+from mjsim.inference.linear_model import Knots, LinearModel, Products
 from mjsim.inference.settings import DiagnosisSettings
 from mjsim.inference.signatures import Bank
 from mjsim.inference.unknown_curves import Curve
@@ -395,6 +395,7 @@ class Search(Ascent[Model[D]]):
         """Begin with data of which other samples are left out."""
         self.fitter, self.plain = fitter, fitter.problem
         self.discrepancy = self._discrepancy()
+        self._knots = Knots([], self.discrepancy.rows)
         self._last: tuple[Model[D], bool, Hypotheses] | None = None
 
     # -- what each instrument says -------------------------------------------------------------------------------------
@@ -456,7 +457,7 @@ class Search(Ascent[Model[D]]):
         parameters, fit = model.fit.parameters, model.fit
         design, residual = self.discrepancy.plain(fit)
         products = Products(self._discrepancy_beside(model.curves), design)
-        products = products.with_curves([(c.rows, c.root * c.width) for c in model.curves])
+        products = products.with_curves(self._knots_of(model.curves), [c.root * c.width for c in model.curves])
         more = products.width - parameters.size
         precision = np.concatenate([parameters.precision(), np.ones(more)])
         departure = np.concatenate([parameters.departure(fit.vector), np.zeros(more)])
@@ -465,6 +466,13 @@ class Search(Ascent[Model[D]]):
         evidence += self._of_noise + model.log_odds
         base = self.base_of(sizes, model.curves)
         return replace(model, base=base, sizes=sizes, evidence=evidence, rest=linear.rest(sizes))
+
+    def _knots_of(self, curves: Sequence[Curve]) -> Knots:
+        """The knots of curves: those of the curves before where they are the same."""
+        rows = [c.rows for c in curves]
+        if not self._knots.are_of(rows):
+            self._knots = Knots(rows, self.discrepancy.rows)
+        return self._knots
 
     def _settled(self, model: Model[D], steps: int = STEPS) -> Model[D]:
         """A model with the sizes of largest evidence, fitted again at them."""
