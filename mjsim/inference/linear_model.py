@@ -80,7 +80,8 @@ class Knots:
 
     def __init__(self, rows: Sequence[csr_array], tests: Sequence[slice]) -> None:
         self._rows = {id(r): r for r in rows}
-        ends = np.cumsum([0, *(np.shape(r)[1] for r in self._rows.values())]).tolist()
+        numbers = [r.shape[1] for r in self._rows.values()]  # pyright: ignore[reportOptionalSubscript]
+        ends = np.cumsum([0, *numbers]).tolist()
         places = {key: slice(a, b) for key, (a, b) in zip(self._rows, pairwise(ends), strict=True)}
         #: Places of the knots of each curve.
         self.places = [places[id(r)] for r in rows]
