@@ -273,9 +273,10 @@ class BarSearch(Search[Problem]):
                 break
             self._take_noise_of(model)
             self._follow(model.fit)
-            before, model = model.evidence, self._settled(model)
-            if abs(model.evidence - before) < LEAST:
+            before, model = model.evidence, self._tuned(model)
+            if abs(model.evidence - before) < LEAST:  # the shapes are those that the drives were fitted beside
                 break
+            model = self._fitted_again(model, STEPS)
         self._followed_last = model
         return model
 
