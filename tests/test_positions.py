@@ -288,6 +288,14 @@ def test_what_is_in_no_model_is_unknown(tmp_path):
     assert result.verdict == "unknown" and result.at_rest[0].misfit > 0.9
 
 
+def test_no_bounded_effect_explains_what_is_beyond_its_bound(tmp_path):
+    """Where a control takes 6 µm too much of the play out, what is left is a play below zero."""
+    positions.write(tmp_path, 1, {"play": {"X": -6e-6}, "scale": {"X": 60e-6}}, [LINE | {"runs": 3}])
+    result = mjsim.diagnose(*read(tmp_path))
+    assert result.verdict == "unknown" and result.at_rest[0].misfit > 0.9
+    assert [e.effect.id for e in result.effects] == ["scale_error.X"]
+
+
 def test_angles_of_a_level_and_of_a_table(tmp_path):
     """Readings in µrad: a level on the slide, and a rotary table whose worm has play."""
     tests = [

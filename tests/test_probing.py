@@ -40,6 +40,15 @@ spindle_deg = [0.0, 180.0, 180.0, 0.0]
 """
 
 
+def test_the_spindle_is_turned_before_the_first_point():
+    """Its angle at the start is not known: the first point needs its own as the others do."""
+    turned = [line for line in probing_program(TEST, HOW)[0].splitlines() if line.startswith(("M19", "(point"))]
+    assert turned == [
+        "(point 1)", "M19 R0.000", "(point 2)", "M19 R180.000", "(point 3)", "(point 4)", "M19 R0.000"
+    ]  # fmt: skip
+    assert "M19" not in probing_program(replace(TEST, spindle=()), HOW)[0]
+
+
 @pytest.fixture(scope="module")
 def program():
     """Text, and every move as mjsim's own reader has it: code, number of the point, start and end (axes,) m and rad."""

@@ -158,10 +158,6 @@ def say_how_long(campaign) -> Callable[[], None]:
     return done
 
 
-#: What the final model has, for the sentence about the residual.
-_FITTED = {True: "with everything that was found and calibrated", False: "with what was found"}
-
-
 def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None:
     """A diagnosis' JSON as text: what matters first, then the calibration, then where to look.
 
@@ -178,7 +174,8 @@ def show(data: dict, campaign: str = "CAMPAIGN", explained: bool = True) -> None
     common.paragraph(f"Unknown: {MORE_IS_LEFT}." if left_first else VERDICTS[data["verdict"]])
     if left_first:
         _show_rest(data)
-    fitted = _FITTED[bool(calibration)]
+    found = "with what was found" if data["effects"] or data.get("unexplained") else "with the data sheet fitted"
+    fitted = "with everything that was found and calibrated" if calibration else found
     if data["rms_before_um"] or data["noise_um"]:
         common.paragraph(
             f"residual RMS {data['rms_before_um']:.3f} µm as given, {data['rms_after_um']:.3f} µm {fitted}; noise "

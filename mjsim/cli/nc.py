@@ -169,7 +169,8 @@ def _write_probing(test, out: Path, sizes_mm: dict, limits, machine: str, campai
     touches = sum(map(len, sides_of_points(test)))
     if not common.answered({"file": str(out), "test": test.name, "points": len(test.angles), "touches": touches}):
         common.say(
-            f"{len(test.angles)} positions with {touches} touches written to {out}; LinuxCNC writes what it finds into "
+            f"{len(test.angles)} positions with {touches} touches written to {out}, for a sphere of "
+            f"{sizes_mm['sphere']:g} mm and a tip of {sizes_mm['tip']:g} mm; LinuxCNC writes what it finds into "
             f"{test.name}.txt: mjsim import {test.name}.txt --campaign {campaign} --points --test {test.name}"
         )
 

@@ -34,6 +34,11 @@ def command(campaign, machine, names, out, no_plots, force, threads) -> None:
 
     c, m = common.campaign_and_machine(campaign, machine, traces=False)
     c = c.in_motion
+    if not c.tests:
+        raise InputError(
+            f"{c.folder / 'campaign.toml'}: no test in motion, so nothing to simulate; `mjsim compare {campaign}` lays "
+            "the model beside what is measured at rest"
+        )
     known = list(dict.fromkeys(n for t in c.tests for n in (t.name, t.recording)))
     for name in names:
         if name not in known:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import math
 import pkgutil
@@ -215,7 +216,9 @@ def effect_class(effect_id: str, chain: Chain = FIVE_AXIS) -> tuple[type[Effect]
     kind, _, subject = effect_id.partition(".")
     known = kinds()
     if kind not in known:
-        raise InputError(f"unknown effect {effect_id!r}; known kinds: {', '.join(known)}")
+        near = difflib.get_close_matches(kind, known, n=1)
+        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        raise InputError(f"unknown effect {effect_id!r}{meant}; known kinds: {', '.join(known)}")
     subjects = known[kind].subjects_of(chain)
     if subject not in subjects:
         raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(subjects)}")

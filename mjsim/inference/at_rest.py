@@ -510,7 +510,13 @@ class RestSearch(Search[RestProblem]):
         )
 
     def misfit(self, model: Model[RestProblem]) -> float:
-        """Probability that a discrepancy is there, whatever the sizes and the causes are."""
+        """Probability that a discrepancy is there, whatever the sizes and the causes are. What a bound holds at nothing
+        is none of them: the linear problem knows no bounds, and would have a negative play explain the data.
+        """
+        there = [f for f in model.fit.effects if not f.effect.is_neutral]
+        if len(there) < len(model.fit.effects):
+            fitter = self.fitter.with_problem(model.problem)
+            model = replace(model, fit=fitter.fit(there, start=model.fit, exact=True))
         noise, factor = self.plain.noise.rms, np.ones(len(self.discrepancy.basis))
         _, left = self.discrepancy.plain(model.fit)
         most = 2.0 * float(np.sqrt(np.mean(left[self.discrepancy.rows[0]] ** 2)))  # none is larger than what is left

@@ -75,7 +75,7 @@ def probing_program(
     rotary = letters[test.chain.rotary_columns]
     top = planned.position[:, 2].max() + how.safe
     lines = [*_head(test, how, machine), "G90 G17 G21 G40 G80 G54", "G94", "M5", f"(PROBEOPEN {test.name}.txt)"]
-    spindle = 0.0
+    spindle = None if planned.spindle.any() else 0.0  # where it turns, its angle at the start is not left to chance
     for i, sides in enumerate(sides_of_points(test)):
         centre = planned.position[i, test.chain.linear_columns]
         angles = planned.position[i, test.chain.rotary_columns]
