@@ -422,6 +422,11 @@ def test_the_page_says_what_the_standard_says(diagnosed):
     assert figures["B_mean_um"] == pytest.approx(-6.0, abs=0.3) and figures["A_um"] > figures["E_um"] > 20.0
 
 
+def test_what_stands_still_is_not_simulated(worn, tmp_path):
+    said = " ".join(run("simulate", worn, "--out", tmp_path / "sim", code=1).split())
+    assert "no test in motion, so nothing to simulate" in said and not (tmp_path / "sim").exists()
+
+
 def test_commands_of_the_ball_bar_say_that_they_need_one(worn):
     for command in (("explain", worn, "scale_error.X"), ("add", worn, "scale_error.X")):
         assert "no ball-bar test was measured" in " ".join(run(*command, code=1).split())

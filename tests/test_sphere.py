@@ -144,6 +144,14 @@ def _elsewhere(table, names):
     table[:, names.index("Z_mm")] += 120.0
 
 
+def _both(*changes):
+    def change(table, names):
+        for one in changes:
+            one(table, names)
+
+    return change
+
+
 def _higher(mm):
     def change(table, names):
         table[:, names.index("dz_um")] += 1e3 * mm
@@ -167,6 +175,7 @@ def _centres(change):
     ("change", "message"),
     [
         (_times("A_deg", -1.0), "the sign of A is turned"),
+        (_both(_times("A_deg", -1.0), _times("C_deg", -1.0)), "the sign of A and C is turned"),
         (_exchanged("X_mm", "Y_mm"), "X and Y are exchanged"),
         (_times("C_deg", DEG), "the rotary axes are in rad"),
         (_elsewhere, "Z is 120.0 mm too large everywhere, such as by the length of the probe"),

@@ -95,13 +95,15 @@ def _other_positions(test: SphereTest, q: np.ndarray) -> Iterator[Reading]:
     """Other readings of the columns of axes."""
     chain = test.chain
     letters = chain.letters
-    for i in range(chain.count):
+    rotary = range(chain.count)[chain.rotary_columns]
+    for axes in (*((i,) for i in range(chain.count)), *itertools.combinations(rotary, 2)):
         turned = q.copy()
-        turned[:, i] = -turned[:, i]
-        words = f"the sign of {letters[i]} is turned; turn it in the file"
-        if chain.is_rotary(letters[i]):
-            other = SENSES[chain.sense(letters[i]) == SENSES[0]]
-            words += f', or write sense = "{other}" for [axis.{letters[i]}] in the machine file'
+        turned[:, axes] = -turned[:, axes]
+        mine = [letters[i] for i in axes]
+        words = f"the sign of {' and '.join(mine)} is turned; turn it in the file"
+        if all(map(chain.is_rotary, mine)):
+            senses = (f'sense = "{SENSES[chain.sense(a) == SENSES[0]]}" for [axis.{a}]' for a in mine)
+            words += f", or write {' and '.join(senses)} in the machine file"
         yield words, test, turned
     for i, j in itertools.combinations(range(chain.count), 2):
         if chain.is_rotary(letters[i]) == chain.is_rotary(letters[j]):
