@@ -232,6 +232,18 @@ def test_a_program_is_written_and_a_table_is_imported(sound, tmp_path):
     a, b = (mjsim.read_campaign(f).traces["c-ccw.dy"] for f in (sound, tmp_path))
     np.testing.assert_allclose(a.deviation, b.deviation, atol=1e-12)
 
+    # recorded from the start of the program to its end, before and after the measured part too
+    head, *rows = text.replace(",", ";").splitlines()
+    end = Program(mjsim.read_campaign(sound, traces=False).tests[0]).duration
+    whole = [f"0.0000;{rows[0].partition(';')[2]}", *rows, f"{end:.4f};{rows[-1].partition(';')[2]}"]
+    (tmp_path / "whole.csv").write_text("\n".join([head, *whole, ""]))
+    said = run(
+        "import", str(tmp_path / "whole.csv"), "--campaign", str(tmp_path), "--points", "--test", "c-ccw", "--force"
+    )
+    assert "2 samples are left out: they lie before or after the measured part" in " ".join(said.split())
+    b = mjsim.read_campaign(tmp_path).traces["c-ccw.dy"]
+    np.testing.assert_allclose(a.deviation, b.deviation, atol=1e-12)
+
 
 def test_a_plan_of_motions(sound):
     said = json.loads(

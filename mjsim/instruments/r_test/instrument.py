@@ -194,7 +194,13 @@ class RTest(Instrument[SphereReading, NestTrace]):
         self, source: Path, test: SphereReading, columns: dict[str, np.ndarray]
     ) -> tuple[NestTrace, list[str]]:
         time, *vector = (columns[n] for n in self.file_columns(test))
-        return nest_trace(source, test, time, np.column_stack(vector), Nest(range=np.inf)), []
+        first, last = Program(test).measured_span
+        inside, notes = np.ones(len(time), bool), []
+        if time[0] < first and time[-1] > last:  # recorded from the start of the program to its end
+            inside = (time >= first) & (time <= last)
+            notes.append(f"{int((~inside).sum())} samples are left out: they lie before or after the measured part")
+        trace = nest_trace(source, test, time[inside], np.column_stack(vector)[inside], Nest(range=np.inf))
+        return trace, notes
 
     def trace_text(self, test: SphereReading, recording: NestTrace) -> str:
         rows = np.column_stack([recording.time, recording.vector / UM])
