@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from mjsim.errors import InputError
 from mjsim.plots import series, style
 from mjsim.plots.curve import curve_figure
 from mjsim.plots.ladder import LadderStep, ladder_figure
+from mjsim.plots.output import polar_traces
 from mjsim.plots.polar import PolarTrace, division_um, overview_figure, polar_figure, scale_text
 from mjsim.plots.residual import ResidualTrace, residual_figure, reversal_angles, spread
 from mjsim.plots.save import encode, save
@@ -38,6 +40,16 @@ def _two_tests():
         ),
         ResidualTrace("rotary", np.linspace(2.0, 88.0, 500), noise[:500], {"Y": [45.0]}, 0.1, goes_round=False),
     ]
+
+
+def test_what_lies_between_both_polar_traces_is_the_residual(turn, circle):
+    """A mean that each trace lost by itself hid an offset of a rotary test."""
+    for test in (turn("A", 0.0, 90.0, (50, 20, 155)), circle("XY", (0, 0, 155))):
+        phi, valid = np.radians(PHI), PHI != 90.0
+        t = SimpleNamespace(test=test, phi=phi, valid=valid, measured=1e-6 * (3.0 + np.cos(phi)), simulated=0.0 * phi)
+        measured, simulated = polar_traces(t)
+        gap = measured.deviation_um - simulated.deviation_um
+        assert gap[valid] == pytest.approx(1e6 * t.measured[valid]) and np.isnan(gap[~valid]).all()
 
 
 def test_polar_data_are_drawn_at_phi():

@@ -129,7 +129,7 @@ def _drawn(name="cone15-ccw"):
         "phi": row,
         "measured": [1, None, 3],
         "models": [row] * 3,
-        "centre": [[0, 0, 0]] * 4,
+        "centre": [0, 0, 0],
         "axes": places,
     }
     return _content(name, traces=[one | {"shift": 180.0, "full": False, "events": [["A", 180.5]], "noise": 0.12}])

@@ -90,24 +90,22 @@ def conditions(test) -> str:
     return f"{kind_of(test).words(test)}; {where}"
 
 
-def _centred(test, phi: np.ndarray, deviation: np.ndarray, valid: np.ndarray | None = None) -> np.ndarray:
-    """Deviation in µm about its own centre; invalid samples become gaps."""
-    good = np.ones(len(phi), bool) if valid is None else valid
-    return np.where(good, deviation - off_centre(centre_of(test, phi[good], deviation[good]), phi), np.nan) / UM
-
-
 def polar_of_simulation(s: Simulation) -> Figure:
     """Paper-style polar plot of one simulated test."""
     keep = _span(Program(s.test), s.time)
-    phi = s.phi[keep][::5]
-    trace = PolarTrace("simulated", phi / DEG, _centred(s.test, phi, s.deviation[keep][::5]), "simulated")
+    phi, deviation = s.phi[keep][::5], s.deviation[keep][::5]
+    deviation = deviation - off_centre(centre_of(s.test, phi, deviation), phi)
+    trace = PolarTrace("simulated", phi / DEG, deviation / UM, "simulated")
     return polar_figure([trace], s.test.name, conditions(s.test))
 
 
 def polar_traces(t: ComparedBarTest) -> list[PolarTrace]:
-    """Measured and simulated trace of a compared test, each about its own least-squares centre (ISO 230-4)."""
+    """Measured and simulated trace of a compared test, both about the least-squares centre of the measured one
+    (ISO 230-4): what is between them is the residual.
+    """
+    centre = off_centre(centre_of(t.test, t.phi[t.valid], t.measured[t.valid]), t.phi)
     return [
-        PolarTrace(name, t.phi / DEG, _centred(t.test, t.phi, getattr(t, name), t.valid), name)
+        PolarTrace(name, t.phi / DEG, np.where(t.valid, getattr(t, name) - centre, np.nan) / UM, name)
         for name in ("measured", "simulated")
     ]
 

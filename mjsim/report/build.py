@@ -330,8 +330,8 @@ def test_traces(models: list[ComparedBarTest], start: int, noise: float) -> dict
 
     Returns:
         ``phi`` (n,) in 0.01°; ``measured`` (n,) and ``models`` (k, n) in 0.001 µm, measured with None where a sample is
-        left out; ``centre``: the eccentricity [a, b, c] in 0.001 µm that is taken out, a cos φ + b sin φ + c, of the
-        measured trace and of every model's; ``full``: a whole circle; ``events``
+        left out; ``centre``: the eccentricity [a, b, c] in 0.001 µm of the measured trace, a cos φ + b sin φ + c, that
+        is taken out of all; ``full``: a whole circle; ``events``
         [axis, angle °]; ``axes``: φ in 0.01° and the commanded positions of the axes [0.01 mm or 0.01°]; ``noise``
         [µm]. The long lists are :func:`steps`.
     """
@@ -339,13 +339,12 @@ def test_traces(models: list[ComparedBarTest], start: int, noise: float) -> dict
     keep = kept(t.phi, t.residual)
     trace = residual_trace(t, noise)
     measured = [round(v / UM * 1e3) if ok else None for v, ok in zip(t.measured[keep], t.valid[keep], strict=True)]
-    traces = [t.measured, *(m.simulated for m in models)]
     return {
         "name": t.test.name,
         "phi": steps(_whole(t.phi[keep] / DEG, 100.0)),
         "measured": steps(measured),
         "models": [steps(_whole(m.simulated[keep] / UM, 1e3)) for m in models],
-        "centre": [_whole(centre_of(t.test, t.phi[t.valid], x[t.valid]) / UM, 1e3) for x in traces],
+        "centre": _whole(centre_of(t.test, t.phi[t.valid], t.measured[t.valid]) / UM, 1e3),
         "full": bool(trace.full_circle()),
         "events": [[axis, round(angle, 2)] for axis, angle in reversal_angles(trace)],
         "axes": _positions(t),

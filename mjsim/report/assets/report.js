@@ -15,11 +15,12 @@
     const axes = Object.fromEntries(Object.entries(packed.axes).map(([name, steps]) => [name, whole(steps)]));
     const t = { ...packed, axes, phi: whole(packed.phi), measured: whole(packed.measured), models: packed.models.map(whole) };
     const phi = t.phi.map((p) => p / 100), rad = phi.map((p) => p * Math.PI / 180);
-    const centred = (x, c) => x.map((v, i) => v === null ? null : (v - c[0] * Math.cos(rad[i]) - c[1] * Math.sin(rad[i]) - c[2]) / 1e3);
+    const [a, b, c] = t.centre;
+    const centred = (x) => x.map((v, i) => v === null ? null : (v - a * Math.cos(rad[i]) - b * Math.sin(rad[i]) - c) / 1e3);
     const angle = phi.map((p) => t.full ? ((p % 360) + 360) % 360 : p);
-    const models = t.models.map((m, k) => centred(m, t.centre[k + 1]));
+    const models = t.models.map(centred);
     const residual = t.models.map((m) => m.map((v, i) => t.measured[i] === null ? null : (t.measured[i] - v) / 1e3));
-    return { ...t, phi, angle, measured: centred(t.measured, t.centre[0]), models, residual };
+    return { ...t, phi, angle, measured: centred(t.measured), models, residual };
   };
   const extent = (...lists) => lists.reduce((m, x) => x.reduce((a, v) => v === null ? a : [Math.min(a[0], v), Math.max(a[1], v)], m), [0, 0]);
 
