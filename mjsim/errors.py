@@ -1,5 +1,8 @@
 """Errors that a user can act on."""
 
+import difflib
+from collections.abc import Iterable
+
 #: Longest message, characters.
 LONGEST = 600
 
@@ -10,6 +13,14 @@ def shortened(text: str, longest: int = LONGEST) -> str:
     if len(text) <= longest:
         return text
     return f"{text[: 2 * longest // 3]} … {text[-longest // 4 :]}"
+
+
+def probably_meant(word: str, known: Iterable[str]) -> str:
+    """What a message says behind an unknown word: the one of those that are known which was probably meant, or nothing
+    where none is near.
+    """
+    near = difflib.get_close_matches(word, [*known], n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 class InputError(ValueError):

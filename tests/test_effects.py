@@ -241,6 +241,7 @@ def test_errors_in_a_file_name_the_file_and_the_entry(tmp_path):
         ('id = "backlash.A"', "missing"),
         ('id = "backlash.B"\nwidth_deg = 0.1', "exists for: X, Y, Z, A, C"),
         ('id = "slop.A"\nwidth_deg = 0.1', "known kinds"),
+        ('id = "backlsh.A"\nwidth_deg = 0.1', r"did you mean 'backlash'\?"),
         ("width_deg = 0.1", "'id' is missing"),
         ('id = "friction.X"\ncoulomb_Nm = 1.0', "appears twice"),
     ):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import math
 import pkgutil
@@ -13,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from mjsim.errors import InputError, SimulationError
+from mjsim.errors import InputError, SimulationError, probably_meant
 from mjsim.machine import own
 from mjsim.machine.chain import FIVE_AXIS, Chain
 from mjsim.machine.effect import MOVED, Effect, Parameter, Remedy, SearchHints
@@ -216,8 +215,7 @@ def effect_class(effect_id: str, chain: Chain = FIVE_AXIS) -> tuple[type[Effect]
     kind, _, subject = effect_id.partition(".")
     known = kinds()
     if kind not in known:
-        near = difflib.get_close_matches(kind, known, n=1)
-        meant = f" (did you mean {near[0]!r}?)" if near else ""
+        meant = probably_meant(kind, known)
         raise InputError(f"unknown effect {effect_id!r}{meant}; known kinds: {', '.join(known)}")
     subjects = known[kind].subjects_of(chain)
     if subject not in subjects:

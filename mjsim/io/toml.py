@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
@@ -10,7 +9,7 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from mjsim.errors import InputError
+from mjsim.errors import InputError, probably_meant
 from mjsim.io.inputs import file_bytes, shown
 
 T = TypeVar("T", bound=BaseModel)
@@ -52,12 +51,7 @@ def _sentence(schema: type[BaseModel], data: dict, problem: ErrorDetails) -> str
     if kind == "extra_forbidden":
         allowed = _keys(schema, problem["loc"][:-1])
         key = str(problem["loc"][-1])
-        near = difflib.get_close_matches(key, allowed, n=1)
-        return (
-            f"{owner}unknown key {shown(key)}"
-            + (f" (did you mean {near[0]!r}?)" if near else "")
-            + f"; allowed: {', '.join(allowed)}"
-        )
+        return f"{owner}unknown key {shown(key)}{probably_meant(key, allowed)}; allowed: {', '.join(allowed)}"
     if kind == "missing":
         return f"{owner}the key {str(problem['loc'][-1])!r} is missing"
     text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
