@@ -43,6 +43,10 @@ _OWN: dict[str, Any] = {key: value for i in INSTRUMENTS.values() for key, value 
 InstrumentTable: Any = create_model("InstrumentTable", __base__=_InstrumentTable, **_OWN)
 
 
+#: How a campaign comes to its first test.
+_TESTS = "one [[test]] table or more; `mjsim import` writes one with each file (with --log for an axis log)"
+
+
 class CampaignTable(Table):
     name: Text
     machine: str = "machine.toml"
@@ -50,7 +54,7 @@ class CampaignTable(Table):
     serial_number: Text | None = None
     instrument: InstrumentTable = InstrumentTable()  # pyright: ignore[reportInvalidTypeForm]
     acceptance: AcceptanceTable | None = None
-    test: Annotated[list[Any], Field(min_length=1, max_length=1000)]
+    test: Annotated[list[Any], Field(min_length=1, max_length=1000, description=_TESTS)]
 
 
 _T = TypeVar("_T", bound=Table)

@@ -53,7 +53,15 @@ def _sentence(schema: type[BaseModel], data: dict, problem: ErrorDetails) -> str
         key = str(problem["loc"][-1])
         return f"{owner}unknown key {shown(key)}{probably_meant(key, allowed)}; allowed: {', '.join(allowed)}"
     if kind == "missing":
-        return f"{owner}the key {str(problem['loc'][-1])!r} is missing"
+        key = str(problem["loc"][-1])
+        field = _table_of(schema, problem["loc"][:-1]).model_fields.get(key)
+        allowed = f"; allowed: {field.description}" if field is not None and field.description else ""
+        return f"{owner}the key {key!r} is missing{allowed}"
+    if kind in ("too_short", "too_long") and isinstance(problem["input"], list):
+        least = kind == "too_short"
+        count = problem["ctx"]["min_length" if least else "max_length"]
+        items = "1 item" if count == 1 else f"{count} items"
+        return f"{place} has {len(problem['input'])}; allowed: at {'least' if least else 'most'} {items}"
     text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
     return f"{place} = {shown(problem['input'])}; {text[0].lower() + text[1:]}"
 
@@ -85,6 +93,11 @@ def _place(data: dict, loc: tuple) -> tuple[str, str]:
 
 
 def _keys(schema: type[BaseModel], loc: tuple) -> list[str]:
+    return [field.alias or name for name, field in _table_of(schema, loc).model_fields.items()]
+
+
+def _table_of(schema: type[BaseModel], loc: tuple) -> type[BaseModel]:
+    """The schema of a table inside the file."""
     steps = iter(loc)
     for step in steps:
         if isinstance(step, int):
@@ -96,4 +109,4 @@ def _keys(schema: type[BaseModel], loc: tuple) -> list[str]:
                 next(steps, None)  # the name that the user gave to a table
             annotation = inner[-1] if get_origin(annotation) is dict else inner[0]
         schema = annotation
-    return [field.alias or name for name, field in schema.model_fields.items()]
+    return schema
