@@ -198,6 +198,19 @@ def test_play_varies_along_the_axis():
         assert lost == pytest.approx(expected, rel=0.05)
 
 
+def test_an_axis_at_rest_does_not_stick_because_others_displace_it():
+    """Out of square, a circle in X and Z moves the ball along Y. The slide stands still, and nothing sticks there."""
+    program = simulate.Program({**layouts.circle("ZX", feed=3000.0), "started_s": 0.0})
+    machine = machines.nominal("M1")
+    effects = machines.by_id(machine["effect"]) | {"squareness.YZ": {"angle_urad": 200.0}}
+    sticking = {a: odd_causes.StickSlip(a, 10.0) for a in "XY"}
+    alone, _ = simulate.motion(program, 0.0, machine["drive"], effects)
+    moved = {a: simulate.motion(program, 0.0, machine["drive"], effects, (s,))[0] for a, s in sticking.items()}
+    assert np.ptp(alone[:, 1]) > 10e-6
+    assert np.array_equal(moved["Y"], alone)
+    assert np.abs(moved["X"] - alone).max() > 5e-6
+
+
 def test_a_drift_passes_through_its_knots():
     clock = np.array([0.0, 240.0, 300.0, 480.0, 9e9])
     effects = {"drift.Y": {"clock_s": [0.0, 240.0, 480.0], "um": [0.0, 1.0, -0.5]}}

@@ -89,10 +89,12 @@ def motion(
     time = grid(program)
     clock = started + time
     motor, torque = drives.run(drive, effects, program, time, axes)
-    load = transmission.load_side(motor, clock, drive, effects, axes)
+    own = transmission.slides(motor, drive, effects, axes)
+    load = transmission.displaced(own, clock, effects, axes)
     if not unlisted:
         return load, None
-    state = State(time, clock, load, torque, axes)
+    # an axis that others displace has not moved: nothing sticks or turns back there
+    state = State(time, clock, own, torque, axes)
     load = load + sum(u.displacement(state) for u in unlisted)
     return load, sum(u.table(state, program.ball) for u in unlisted) + np.zeros((len(time), 3))
 

@@ -118,13 +118,27 @@ def vibration(time: np.ndarray, effects: dict, phases: dict[str, float]) -> np.n
     return out
 
 
-def load_side(motor: np.ndarray, clock: np.ndarray, drives: dict, effects: dict, axes: str = AXES) -> np.ndarray:
-    """Load-side positions (n, 5) from the motor side's, without the vibration.
+def slides(motor: np.ndarray, drives: dict, effects: dict, axes: str = AXES) -> np.ndarray:
+    """How far each axis has gone along its own way, (n, 5), from the motor side's positions: what others displace is
+    left out.
 
     Args:
-        motor: (n, 5), in time order and fine enough for backlash. clock: campaign clock, s. axes: of the columns.
+        motor: (n, 5), in time order and fine enough for backlash. axes: of the columns.
     """
-    q = np.column_stack([_axis(motor[:, i], a, drives[a], effects) for i, a in enumerate(axes)])
+    return np.column_stack([_axis(motor[:, i], a, drives[a], effects) for i, a in enumerate(axes)])
+
+
+def load_side(motor: np.ndarray, clock: np.ndarray, drives: dict, effects: dict, axes: str = AXES) -> np.ndarray:
+    """Load-side positions (n, 5) from the motor side's, without the vibration; arguments as of its two parts."""
+    return displaced(slides(motor, drives, effects, axes), clock, effects, axes)
+
+
+def displaced(q: np.ndarray, clock: np.ndarray, effects: dict, axes: str = AXES) -> np.ndarray:
+    """Positions (n, 5) with what axes displace one another by, and what time does; without the vibration.
+
+    Args:
+        q: of the :func:`slides`. clock: campaign clock, s. axes: of the columns.
+    """
     out = q.copy()
     for name, e in effects.items():
         kind, subject = name.split(".")
