@@ -204,7 +204,7 @@ class EffectVector:
                 i += 2
             elif not (self.polar and n == "phase_deg"):
                 sd = math.sqrt(max(covariance[i, i], 0.0))
-                out[n] = sorted(p.decode(x) for x in (vector[i] - z * sd, vector[i] + z * sd))
+                out[n] = sorted(float(p.decode(x)) for x in (vector[i] - z * sd, vector[i] + z * sd))
                 i += 1
         return out
 
