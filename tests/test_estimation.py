@@ -423,6 +423,18 @@ def two_cones():
     return machine, problem
 
 
+@pytest.mark.parametrize("axis", ["X", "Y"])
+def test_a_fit_that_begins_without_friction_finds_it(axis):
+    """Next to none, the damping of the bristles is all that friction does, and a derivative there leads nowhere."""
+    machine, problem = two_cones()
+    friction = machine.effect(f"friction.{axis}")
+    stated = EffectVector(friction, ("coulomb_Nm",)).vector
+    none = EffectVector(friction.replaced(coulomb_Nm=0.0), ("coulomb_Nm",)).with_prior(stated, np.array([16.0]))
+    fit = Fitter(problem, machine).fit([none], iterations=16)
+    assert fit.effects[0].vector == pytest.approx(stated, rel=0.1)
+    assert fit.sum_squares < 1.02 * Fitter(problem, machine).fit([]).sum_squares
+
+
 @pytest.mark.parametrize("moves", ["X", "C", "table y", "table radial"])
 def test_the_written_effect_does_what_its_term_did(moves, tmp_path):
     """The effect file of a term, simulated, changes the reading by what the term says."""

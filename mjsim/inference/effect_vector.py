@@ -171,9 +171,12 @@ class EffectVector:
 
     def nudged(self, j: int, step: float) -> tuple[Effect, float]:
         """The effect with the ``j``-th entry of its vector moved by about ``step``, the other way at a bound; and
-        by how much it moved.
+        by how much it moved. What a drive does from a bound on is asked of a whole typical size: the damping of the
+        bristles goes with the root of the friction, and next to none it is all that shows.
         """
         v = self.vector
+        if not self.effect.search.quasi_static and min(abs(end[j] - v[j]) for end in self.bounds) < step:
+            step = 1.0
         for sign in (1.0, -1.0):
             moved = v.copy()
             moved[j] += sign * step
