@@ -122,7 +122,7 @@ def test_near_a_jump_of_a_curve_readings_have_an_error_of_half_the_jump(tests):
     """Its instant is not known better. Where the curve changes slowly, and in tests without it, there is none."""
     time = tests.samples[0].centre
     curve = 0.5e-6 * np.sin(2.0 * np.pi * time / time[-1]) + 2e-6 * (time > time[150])
-    d = Discrepancy.of_tests(tests).beside_curves(tests, [[curve, np.zeros_like(time)]])
+    d = Discrepancy.of_tests(tests).beside_curves(tests, [[curve, np.zeros_like(time)]], [()])
     whitening = d.whitening(Sizes(0.0, 0.0, np.ones(2)))
     white = whitening.of_test(0, np.eye(len(time)))
     error = NOISE * np.sqrt(np.maximum(np.diag(np.linalg.inv(white.T @ white)) - 1.0, 0.0))
@@ -136,6 +136,34 @@ def test_near_a_jump_of_a_curve_readings_have_an_error_of_half_the_jump(tests):
     rows = np.ones(2 * len(time))
     for k in range(2):
         assert known.of_test(k, rows).along == pytest.approx(at_once.of_test(k, rows).along)
+
+
+def test_a_reversal_may_be_early_or_late_and_all_that_follows_it(tests):
+    """Teeth of a slide that sticks, 0.02 s later than in the model, are no error that asks for an explanation; as much
+    of any other shape is one. Before the reversal, and in tests without one, there is no such error.
+    """
+    time = tests.samples[0].centre
+    turn = time[150]
+
+    def teeth(t):
+        return np.where(t > turn, np.exp(-(t - turn) / 0.8) * (1.0 - 2.0 * np.mod((t - turn) / 0.3, 1.0)), 0.0)
+
+    still = np.zeros_like(time)
+    readings, turns = [[5e-6 * teeth(time), still]], [(np.array([turn]), np.zeros(0))]
+    d = Discrepancy.of_tests(tests).beside_curves(tests, readings, turns)
+    whitening = d.whitening(Sizes(0.0, 0.0, np.ones(2)))
+
+    def misfit(error):
+        white = tests.whiten_test(0, error[:, None])[:, 0]
+        return np.square(whitening.of_test(0, white)).sum(), np.square(white).sum()
+
+    late = misfit(5e-6 * (teeth(time - 0.02) - teeth(time)))
+    assert late[0] < 10.0 and late[1] > 5_000.0
+    other = misfit(1e-6 * np.where(time > turn, np.sin(20.0 * (time - turn)), 0.0))
+    assert other[0] > 0.3 * other[1]
+    before = misfit(1e-6 * (time < turn - 0.1))
+    assert before[0] == pytest.approx(before[1])
+    assert whitening.of_test(1, np.eye(len(time))) == pytest.approx(np.eye(len(time)))
 
 
 def test_the_evidence_of_a_linear_model_is_that_of_its_covariance():

@@ -286,7 +286,8 @@ class BarSearch(Search[Problem]):
             return self.discrepancy
         known = self._beside_curves
         if known is None or [*map(id, known[0])] != [*map(id, curves)]:
-            found = self.discrepancy.beside_curves(self.plain, [c.readings for c in curves])
+            readings, turns = [c.readings for c in curves], [c.term.turns for c in curves]
+            found = self.discrepancy.beside_curves(self.plain, readings, turns)
             self._beside_curves = known = tuple(curves), found
         return known[1]
 

@@ -88,6 +88,7 @@ class CurveTerm:
         variable: as in the JSON of diagnose. knots: (k,) of the variable, SI. period: of the variable, SI, or ``None``.
         columns: per test (m, k) block means, m per unit of :attr:`unit`; of a wave twice as many as there are knots.
         signed: times the direction of motion.
+        turns: where it :attr:`settles`, when the axis turns back in each test, s from the start of its trace.
         gain, coefficients (k,), their inverse covariance ``precision`` (k, k): of the fit, once it is made. shape: what
             the coefficients follow, as in :mod:`mjsim.inference.curve_fit`.
     """
@@ -102,6 +103,7 @@ class CurveTerm:
     coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
     precision: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     shape: str = "free"
+    turns: tuple[np.ndarray, ...] = ()
 
     @property
     def signed(self) -> bool:
@@ -304,7 +306,14 @@ class CurveTerms:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
         columns = HatColumns(values, weights, knots, period, averages)
-        yield CurveTerm(axis, moves, variable, knots, period, columns)
+        turns = tuple(self._turns(k, axis) for k in range(len(values))) if variable == "time_since_reversal" else ()
+        yield CurveTerm(axis, moves, variable, knots, period, columns, turns=turns)
+
+    def _turns(self, k: int, axis: str) -> np.ndarray:
+        """When an axis turns back in test ``k``, (turns,) s from the start of its trace."""
+        m = self.on_grid[k]
+        turned = m.time - m.since_reversal[:, self.chain.index(axis)]
+        return turned[1:][np.diff(turned) > 0.5 * GRID] + self._shift(k)
 
     def _is_seen(self, moves: str) -> bool:
         """Whether a reading changes when ``moves`` is displaced."""

@@ -19,10 +19,11 @@ a bar has a gain (:mod:`mjsim.inference.bar_gain`). They leave the same in all t
 has of its own, they would count as often as there are tests. So each has a size of its own, with an amplitude for each
 of its shapes that all tests share.
 
-A curve of an unknown cause is not known to the instant. Where it jumps (at a reversal, at a step of an encoder) the
-model has the jump in one block, and the machine a little before or after it. So where a model has such a curve, each
-block near a jump has an error of its own, of half the jump. Without it a search explains by names what these blocks
-miss.
+A curve of an unknown cause is not known to the instant. An axis turns back where it hardly moves, so a fraction of a
+micrometre shifts the instant by hundredths of a second. All that follows the reversal comes so much earlier or later.
+And where a curve jumps (at a reversal, at a step of an encoder) the model has the jump in one block, and the machine a
+little before or after it: each block near a jump has an error of its own, of half the jump. Without these errors a
+search explains by names what the readings miss there.
 
 The rest of the package sees all this as whitening (:mod:`mjsim.inference.whitening`).
 """
@@ -39,7 +40,7 @@ from scipy.ndimage import maximum_filter1d
 
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
-from mjsim.inference.samples import revolution_time
+from mjsim.inference.samples import Samples, revolution_time
 from mjsim.inference.whitening import Whitening, shrinkage
 
 #: Harmonics of the path angle.
@@ -48,7 +49,8 @@ HARMONICS = 48
 _SLOW, _FAST = (3.0, 2.0), (20.0, 1.5)
 #: Shares of the slow part's variance: drift over the test, growth of the eccentricity (two), bow (assumed).
 _DRIFT = np.array([0.15, 0.03, 0.03, 0.05])
-#: How far the instant of a jump may be off, s (assumed: the time in which a contact turns over at a slow reversal).
+#: How far an instant may be off, s; of a reversal, this is three standard deviations (assumed: on a circle of 100 mm at
+#: 1 m/min, 0.5 µm shift a reversal by 0.02 s).
 _INSTANT = 0.06
 #: Share of its range that a curve changes from one block to the next where it jumps (assumed), and most blocks with
 #: errors of jumps in a test.
@@ -194,23 +196,24 @@ class Discrepancy:
         found = (_common(problem, error, shifts or [0.0] * len(problem.tests)) for error in errors)
         return cls(bases, slow, fast, (), [c for c in found if c.usual > SMALLEST])
 
-    def beside_curves(self, problem: Problem, readings: Sequence[Sequence[np.ndarray]]) -> Discrepancy:
+    def beside_curves(
+        self, problem: Problem, readings: Sequence[Sequence[np.ndarray]], turns: Sequence[Sequence[np.ndarray]]
+    ) -> Discrepancy:
         """The same where the model has curves of unknown causes.
 
         Args:
             problem: The measured tests, whitened by the campaign's noise alone.
             readings: What each curve adds to each test, (m,) m.
+            turns: Of each curve of the time since a reversal, when its axis turns back in each test, s;
+                empty for the others.
         """
         bases, slow, fast, jumps = [], [], [], []
+        turning = [(c, t) for c, t in zip(readings, turns, strict=True) if t]
         ranges = [max(map(np.max, c)) - min(map(np.min, c)) for c in readings]
         for k, basis in enumerate(self.basis):
-            change = [0.5 * np.abs(c[k][2:] - c[k][:-2]) for c in readings]
-            jump = np.hypot.reduce([np.where(d > _JUMP * r, d, 0.0) for d, r in zip(change, ranges, strict=True)])
-            around = 2 * round(_INSTANT / problem.samples[k].block) + 1
-            jump = maximum_filter1d(np.pad(jump, 1), around)
-            at = np.argsort(-jump)[: min(np.count_nonzero(jump), _MOST_JUMPS)]
-            errors = np.zeros((len(jump), len(at)))
-            errors[at, np.arange(len(at))] = jump[at]
+            s = problem.samples[k]
+            early_or_late = [_early_or_late(c[k], s.centre, t[k]) for c, t in turning]
+            errors = np.hstack([_near_jumps([c[k] for c in readings], ranges, s), *early_or_late])
             errors = problem.whiten_test(k, errors)
             inside = basis.T @ errors
             across, sizes, turn = np.linalg.svd(errors - basis @ inside, full_matrices=False)
@@ -278,6 +281,44 @@ def _common(problem: Problem, error: CommonError, shifts: Sequence[float]) -> Co
     reach = float(np.sqrt(np.mean(np.concatenate([np.square(m).sum(axis=1) for m in means]))))
     columns = problem.whiten([m / reach for m in means]) if reach > 0.0 else np.zeros((0, 0))
     return Common(error.name, error.usual * reach, columns, reach)
+
+
+def _near_jumps(curves: Sequence[np.ndarray], ranges: Sequence[float], samples: Samples) -> np.ndarray:
+    """Errors of the blocks of a test near jumps of curves, (m, k) m: independent, each of half the jump.
+
+    Args:
+        curves: What each adds to the test, (m,) m.
+        ranges: From the least to the most that each adds to any test, m.
+        samples: Of the test.
+    """
+    change = [0.5 * np.abs(c[2:] - c[:-2]) for c in curves]
+    jump = np.hypot.reduce([np.where(d > _JUMP * r, d, 0.0) for d, r in zip(change, ranges, strict=True)])
+    jump = maximum_filter1d(np.pad(jump, 1), 2 * round(_INSTANT / samples.block) + 1)
+    at = np.argsort(-jump)[: min(np.count_nonzero(jump), _MOST_JUMPS)]
+    errors = np.zeros((len(jump), len(at)))
+    errors[at, np.arange(len(at))] = jump[at]
+    return errors
+
+
+def _early_or_late(curve: np.ndarray, time: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Errors of a curve that follows the reversals of an axis, (m, k) m. Each reversal is so much earlier or later, by
+    itself; a column is one such shift, times the square root of its probability.
+
+    Args:
+        curve: What it adds to the test, (m,) m.
+        time: Of the blocks, (m,) s.
+        turns: When the axis turns back, s.
+    """
+    block, index = time[1] - time[0], np.arange(len(time))
+    most = max(round(_INSTANT / block), 1)
+    shifts = np.arange(-most, most + 1)
+    probability = np.exp(-4.5 * (shifts * block / _INSTANT) ** 2)
+    moved = curve[np.clip(index[:, None] - shifts, 0, len(time) - 1)] - curve[:, None]
+    moved *= np.sqrt(probability / probability.sum())
+    # what follows a reversal reaches to where the next may begin
+    stretch = np.searchsorted(turns - _INSTANT, time)
+    columns = [np.where((stretch == i)[:, None], moved, 0.0) for i in range(1, len(turns) + 1)]
+    return np.hstack([np.zeros((len(time), 0)), *columns])
 
 
 def _spectrum(corner: float, exponent: float) -> np.ndarray:
