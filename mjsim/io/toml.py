@@ -59,7 +59,7 @@ def _sentence(schema: type[BaseModel], data: dict, problem: ErrorDetails) -> str
         return f"{owner}the key {key!r} is missing{allowed}"
     if kind in ("too_short", "too_long") and isinstance(problem["input"], list):
         least = kind == "too_short"
-        count = problem["ctx"]["min_length" if least else "max_length"]
+        count = problem.get("ctx", {})["min_length" if least else "max_length"]
         items = "1 item" if count == 1 else f"{count} items"
         return f"{place} has {len(problem['input'])}; allowed: at {'least' if least else 'most'} {items}"
     text = problem["msg"].replace("Input should be", "allowed:").replace("Input should have", "allowed: to have")
