@@ -222,6 +222,8 @@ class CurveTerms:
         """All terms of one axis' motion that displace ``moves``."""
         i = self.chain.index(axis)
         for variable in VALUE:
+            if variable == "time_since_reversal" and moves != axis:
+                continue  # in one swing it is nearly the direction of motion
             x, blocks = self._values(axis, variable), [VALUE[variable](m, i) for m in self.motions]
             lo, hi = min(v.min() for v in blocks), max(v.max() for v in blocks)
             if hi - lo < 1e-9:

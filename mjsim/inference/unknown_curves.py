@@ -226,8 +226,6 @@ def best_curves(
     looked_at: list[CurveTerm] = []
     tried: dict[str, int] = {}
     for term in itertools.chain(terms.own(), terms.clock(False), terms.across(), radial_curves(terms)):
-        if term.variable == "time_since_reversal" and term.moves != term.axis:
-            continue  # in one swing it is nearly the direction of motion
         tried[term.axis] = tried.get(term.axis, 0) + 1
         if competes(term):
             looked_at.append(term)
