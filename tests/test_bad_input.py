@@ -394,6 +394,7 @@ def test_unknown_effects(campaign):
     refused(campaign.parent, ["remove", campaign, "backlash.A", "--json"], "backlash.A", "friction.X")
     refused(campaign.parent, ["effects", "backlsh", "--json"], "backlsh", "backlash")
     refused(campaign.parent, ["effects", "backlash.Q", "--json"], "backlash.Q")
+    assert "…" not in run("effects", "nonsense").output  # nothing of what is allowed is cut
 
 
 def test_effect_that_the_campaign_cannot_show(campaign):

@@ -21,7 +21,6 @@ def command(effect, machine_file) -> None:
     """
     from mjsim.campaign.machine_file import read_machine
     from mjsim.effects import registry
-    from mjsim.errors import InputError
 
     chain = FIVE_AXIS if machine_file is None else read_machine(machine_file).chain
     known = {k: c for k, c in registry.kinds().items() if c.subjects_of(chain)}
@@ -31,12 +30,7 @@ def command(effect, machine_file) -> None:
             common.table(["kind", "of", "what it is"], rows, text=(0, 1, 2))
             common.say("an effect's id is kind.SUBJECT; `mjsim effects KIND` or `mjsim effects ID` tells more")
         return
-    if "." in effect:
-        cls, subject = registry.effect_class(effect, chain)
-    elif effect in known:
-        cls, subject = known[effect], None
-    else:
-        raise InputError(f"unknown effect {effect!r}; known kinds: {', '.join(known)}")
+    cls, subject = (known[effect], None) if effect in known else registry.effect_class(effect, chain)
     data, subjects = describe(cls, subject, chain), cls.subjects_of(chain)
     if common.answered(data):
         return

@@ -210,16 +210,19 @@ def effect_class(effect_id: str, chain: Chain = FIVE_AXIS) -> tuple[type[Effect]
         chain: axes of the machine.
 
     Raises:
-        InputError: the id is unknown; the message lists what there is.
+        InputError: the id is unknown.
     """
     kind, _, subject = effect_id.partition(".")
     known = kinds()
     if kind not in known:
-        meant = probably_meant(kind, known)
-        raise InputError(f"unknown effect {effect_id!r}{meant}; known kinds: {', '.join(known)}")
+        raise InputError(  # all kinds are more than fits in a sentence
+            f"unknown effect {effect_id!r}{probably_meant(kind, known)}; allowed: KIND.SUBJECT, such as "
+            f"backlash.{chain.letters[0]}; `mjsim effects` lists the known kinds"
+        )
     subjects = known[kind].subjects_of(chain)
     if subject not in subjects:
-        raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {', '.join(subjects)}")
+        able = ", ".join(subjects) or "no axis of this machine"
+        raise InputError(f"unknown effect {effect_id!r}; {kind} exists for: {able}")
     return known[kind], subject
 
 
