@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from commands import refused
 
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
@@ -76,6 +77,13 @@ def test_the_first_log_of_a_campaign(folder, motion):
     assert import_log(folder, folder / "m.csv", controller="c").new_test
     assert (folder / "campaign.toml").read_text().startswith(head + "\n[[test]]\n")
     assert [t.name for t in read_campaign(folder).of("axis_log").measured] == ["m"]
+
+
+def test_a_controller_that_the_machine_file_does_not_state(folder, motion):
+    """The log would be refused later, when it is compared."""
+    (folder / "m.csv").write_text(german(motion[0], motion[1], swapped=False))
+    said = refused(folder, ["import", folder / "m.csv", "--campaign", folder, "--log", "--controller", "fast"])
+    assert "machine.toml: no controller 'fast' of X; allowed: c" in said
 
 
 def test_a_campaign_of_ball_bar_tests_gets_a_recorder(folder, motion):

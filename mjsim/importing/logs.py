@@ -15,6 +15,8 @@ import numpy as np
 import tomlkit
 
 from mjsim.campaign.files import campaign_from
+from mjsim.campaign.machine_file import read_machine
+from mjsim.campaign.model import Campaign
 from mjsim.errors import InputError
 from mjsim.importing.formats import read_any
 from mjsim.importing.into_campaign import campaign_file, test_name
@@ -386,19 +388,20 @@ def import_log(
         preview: Write nothing.
 
     Raises:
-        InputError: The file cannot be read, or a column or its unit is not known.
+        InputError: The file cannot be read, a column or its unit is not known, or the machine has no such controller.
     """
     options = options or Options()
     file = campaign_file(campaign)
     c = campaign_from(file, parse(file), traces=False, empty=True)
     logs = c.of(LogTest.instrument)
-    chain = logs.tests[0].chain if logs.tests else _chain(c)
+    chain = logs.tests[0].chain if logs.tests else read_machine(c.machine_file).chain
     table = read_any(source, options)
     columns, said = columns_of(table, chain, signals, options)
     stated = _stated_rate(file)
     time, values, notes = _converted(source, table, columns, chain, options, stated)
     columns = tuple(c for c in columns if c.signal in ("time", "lag") or any(_is_of(n, c) for n in values))
     axes = tuple(dict.fromkeys(col.axis for col in columns if col.axis))
+    _check_controller(c, controller, axes)
     name = test or test_name(source)
     parts, gaps = _parts(source, time)
     names = [name] if len(parts) == 1 else [f"{name}-{i}" for i in range(1, len(parts) + 1)]
@@ -437,10 +440,17 @@ def _stated_rate(file: Path) -> float | None:
     return next((t.get("sample_rate_Hz") for t in tables if t.get("kind") == "axis_log"), None)
 
 
-def _chain(campaign) -> Chain:
-    from mjsim.campaign.machine_file import read_machine
-
-    return read_machine(campaign.machine_file).chain
+def _check_controller(campaign: Campaign, controller: str | None, axes: tuple[str, ...]) -> None:
+    """Refuse a controller that the machine file does not state for all axes of a log."""
+    if controller is None:
+        return
+    known = read_machine(campaign.machine_file).controllers
+    able = [name for name, tables in known.items() if tables.keys() >= set(axes)]
+    if controller not in able:
+        allowed = ", ".join(able) or "none, write [controller.NAME.AXIS] there"
+        raise InputError(
+            f"{campaign.machine_file}: no controller {shown(controller)} of {' and '.join(axes)}; allowed: {allowed}"
+        )
 
 
 def _parts(source: Path, time: np.ndarray) -> tuple[list[slice], list[str]]:
