@@ -4,6 +4,7 @@ nothing on stdout.
 
 import gzip
 import json
+import os
 import shutil
 from importlib import import_module
 
@@ -349,6 +350,24 @@ def test_no_campaign(campaign, command):
     name, *rest = command
     for where in (campaign / "nowhere", campaign / "traces"):
         refused(campaign.parent, [name, where, *rest, "--json"], "no such campaign", "campaign.toml")
+
+
+def test_a_folder_that_may_not_be_read(campaign, monkeypatch):
+    """The system is made to refuse, because root may read everything."""
+    look = os.stat
+
+    def refuse(path, **more):
+        if str(path) == str(campaign / FILE):
+            raise PermissionError(13, "Permission denied")
+        return look(path, **more)
+
+    for command in (["compare", campaign], ["import", campaign / "traces" / "turn.csv", "--campaign", campaign]):
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "stat", refuse)
+            patched.setattr(os, "access", lambda path, mode, **more: str(path) != str(campaign))
+            result = run(*command)
+        assert result.exit_code == 1, result.output
+        assert result.output.endswith(f"{FILE}: cannot be read: Permission denied\n")
 
 
 def test_trace_for_a_campaign(campaign):

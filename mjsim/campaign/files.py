@@ -16,7 +16,7 @@ from mjsim.instruments.ball_bar.files import acceptance_of
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS, instrument_of
 from mjsim.instruments.schema import Table
-from mjsim.io.inputs import named_file
+from mjsim.io.inputs import is_file, named_file
 from mjsim.io.toml import check, parse
 
 # -- the instruments of a campaign -------------------------------------------------------------------------------------
@@ -120,7 +120,7 @@ def read_campaign(
     """
     path = Path(path)
     file = path / "campaign.toml" if os.path.isdir(path) else path
-    if not os.path.isfile(file):
+    if not is_file(file):
         raise InputError(
             f"{file}: no such campaign; give a folder that holds a campaign.toml, or the path of a campaign.toml"
         )

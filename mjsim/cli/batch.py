@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import click
 
@@ -47,7 +46,7 @@ LIMIT = _LimitType()
 
 
 @click.command("batch")
-@click.argument("sweep", type=click.Path(path_type=Path))
+@click.argument("sweep", type=common.path_type())
 @common.folder_option("--out", help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Run on the workers of this Dask scheduler.")
 @click.option("--dry-run", is_flag=True, help="Only say how many runs there are, and how long they take.")

@@ -225,6 +225,11 @@ def test_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> l
     return []
 
 
+def path_type(**more) -> click.Path:
+    """A path, as :class:`click.Path`; one that cannot be read is no wrong usage, so its reader says that."""
+    return click.Path(path_type=Path, readable=False, **more)
+
+
 def path_option(*names: str, **more):
     """An option with the path of a file or folder that is read.
 
@@ -232,20 +237,20 @@ def path_option(*names: str, **more):
         names: Of the option, as :func:`click.option` takes them.
         more: As there.
     """
-    return click.option(*names, type=click.Path(path_type=Path), **more)
+    return click.option(*names, type=path_type(), **more)
 
 
 def file_option(*names: str, **more):
     """An option with the path of a file to write; see :func:`path_option`."""
-    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), **more)
+    return click.option(*names, type=path_type(dir_okay=False), **more)
 
 
 def folder_option(*names: str, **more):
     """An option with the path of a folder to write into; see :func:`path_option`."""
-    return click.option(*names, type=click.Path(path_type=Path, file_okay=False), **more)
+    return click.option(*names, type=path_type(file_okay=False), **more)
 
 
-campaign_argument = click.argument("campaign", type=click.Path(path_type=Path))
+campaign_argument = click.argument("campaign", type=path_type())
 machine_option = path_option("--machine", help="Machine file to use instead of the campaign's.")
 test_option = click.option(
     "--test",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -13,7 +11,7 @@ _MOST = 10
 
 
 @click.command("fleet")
-@click.argument("folders", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FOLDER...")
+@click.argument("folders", type=common.path_type(), nargs=-1, required=True, metavar="FOLDER...")
 @common.folder_option("--out", required=True, help="Folder of the results.")
 @click.option("--scheduler", metavar="ADDRESS", help="Diagnose on the workers of this Dask scheduler.")
 @click.option(

@@ -87,7 +87,7 @@ _ANGLES = kept(
 
 
 @click.command("import")
-@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, type=common.path_type())
 @common.path_option("--campaign", required=True, help="Folder of the campaign.")
 @_TEST
 @_COLUMNS

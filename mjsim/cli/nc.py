@@ -176,7 +176,7 @@ def _write_probing(test, out: Path, sizes_mm: dict, limits, machine: str, campai
 
 
 @command.command("read", short_help="Read one as the motion that it commands.")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=common.path_type())
 @options.reading
 @options.limits
 @common.path_option("--machine", help="Machine file whose axes the program moves.")

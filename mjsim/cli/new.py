@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
@@ -19,7 +17,7 @@ def command() -> None:
 
 
 @command.command("campaign", short_help="Start a campaign: a folder with commented files.")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("folder", type=common.path_type(file_okay=False))
 @click.option("--name", help="Name of the campaign (default: the folder's).")
 @click.option("--logs", metavar="AXES", help="For axis logs of a machine with these axes, such as XY or C.")
 @click.option(

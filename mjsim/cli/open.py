@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from mjsim.cli import common
 
 
 @click.command("open")
-@click.argument("campaign", type=click.Path(path_type=Path), required=False)
+@click.argument("campaign", type=common.path_type(), required=False)
 @common.machine_option
 @click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to listen at; anything else is open to the network."

@@ -17,7 +17,7 @@ _NOTHING_OPEN = {"between": None, "test": None, "difference_um": None}
 
 
 @click.command("plan")
-@click.argument("campaign", type=click.Path(path_type=Path), required=False)
+@click.argument("campaign", type=common.path_type(), required=False)
 @common.machine_option
 @click.option("--new", "whole", is_flag=True, help="Propose all tests of a new campaign, of --machine or --template.")
 @click.option("--template", "template_name", help="With --new: a machine template (mjsim machine templates).")

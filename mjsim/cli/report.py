@@ -11,7 +11,7 @@ from mjsim.cli.predict import PART, part_runs
 
 
 @click.command("report")
-@click.argument("campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN...")
+@click.argument("campaigns", type=common.path_type(), nargs=-1, required=True, metavar="CAMPAIGN...")
 @common.file_option(
     "-o", "--out", show_default="report.html, or certificate.pdf", help="The page or certificate to write."
 )

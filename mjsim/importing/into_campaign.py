@@ -23,7 +23,7 @@ from mjsim.instruments.ball_bar.files import check_span, saturated
 from mjsim.instruments.ball_bar.kinds import KINDS, all_keys
 from mjsim.instruments.ball_bar.measurement import BallBarData, BallBarTest, Trace
 from mjsim.io.files import check_writable, write_all
-from mjsim.io.inputs import inside, shown
+from mjsim.io.inputs import inside, is_file, shown
 from mjsim.io.toml import parse, read_text
 from mjsim.units import UM
 
@@ -81,7 +81,7 @@ def campaign_file(folder: Path) -> Path:
         InputError: there is none.
     """
     file = folder / "campaign.toml" if os.path.isdir(folder) or not folder.suffix else folder
-    if not os.path.isfile(file):
+    if not is_file(file):
         raise InputError(f"{file}: no such campaign; `mjsim new campaign {folder}` starts one")
     return file
 

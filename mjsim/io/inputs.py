@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import stat
 import zlib
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
@@ -39,6 +40,20 @@ def file_bytes(path: Path, largest: int, hint: str, what: str = "no such file") 
         raise InputError(f"{path}: {what}: a folder stands there; allowed: a file") from None
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: {what}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def is_file(path: Path) -> bool:
+    """Whether a file is there; ``os.path.isfile`` denies it as well where nobody may look.
+
+    Raises:
+        InputError: nobody may look.
+    """
+    try:
+        return stat.S_ISREG(os.stat(path).st_mode)
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return False
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
