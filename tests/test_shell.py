@@ -237,6 +237,18 @@ def test_no_escape_sequences_and_80_columns(plain, case):
     assert bool(plain[case]) == ("quiet" not in case)
 
 
+def test_a_table_breaks_no_name_while_there_is_room(capsys):
+    name = "cone45-x50-perpendicular-ccw"
+    common.table(
+        ["instrument", "test", "bits", "time min", "makes known"],
+        [["touch probe and sphere", name, "12.3", "10", "axis_location.EXC, squareness.XY, angular_error.EAX"]],
+    )
+    lines = capsys.readouterr().out.splitlines()
+    assert name in lines[1] and max(map(len, lines)) <= 80
+    common.table([99 * "n"], [["x"]])  # what is longer than any line is shown as well
+    assert capsys.readouterr().out.count("n") == 99
+
+
 def test_the_plain_progress_bar_goes_away(plain):
     """It is one line that is written over, and blank at the end."""
     out = plain["compare"]

@@ -494,13 +494,26 @@ def table(columns: list[str], rows: list[list[str]], text: tuple[int, ...] = (0,
     colours = styled(sys.stdout)
     # the colour system is all or nothing: rich on its own leaves bold type where NO_COLOR is set
     console = Console(width=width(), highlight=False, force_terminal=colours, color_system="auto" if colours else None)
-    t = Table(
-        box=box.SIMPLE_HEAD if sys.stdout.isatty() else None, show_edge=False, pad_edge=False, header_style="bold"
-    )
+    lines = box.SIMPLE_HEAD if sys.stdout.isatty() else None
+    t = Table(box=lines, show_edge=False, pad_edge=False, header_style="bold")
+    widths = _column_widths([columns, *rows], width() - (len(columns) - 1) * (3 if lines else 2))
     for i, name in enumerate(columns):
-        t.add_column(Text(name), justify="left" if i in text else "right", overflow="fold")
+        t.add_column(Text(name), justify="left" if i in text else "right", overflow="fold", max_width=widths[i])
     for row in rows:
         t.add_row(*map(Text, row))
     with console.capture() as captured:
         console.print(t)
     click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()), color=colours)
+
+
+def _column_widths(rows: list[list[str]], room: int) -> list[int]:
+    """Widths of the columns of a table in so many characters: the widest column is wrapped first, and no word is broken
+    while there is room for its column.
+    """
+    cells = list(zip(*rows, strict=True))
+    widths = [max(map(len, column)) for column in cells]
+    words = [max(len(word) for cell in column for word in ["", *cell.split()]) for column in cells]
+    while sum(widths) > room and widths != words:
+        widest = max((i for i in range(len(cells)) if widths[i] > words[i]), key=widths.__getitem__)
+        widths[widest] -= 1
+    return widths
