@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,6 +78,19 @@ def test_the_first_log_of_a_campaign(folder, motion):
     assert import_log(folder, folder / "m.csv", controller="c").new_test
     assert (folder / "campaign.toml").read_text().startswith(head + "\n[[test]]\n")
     assert [t.name for t in read_campaign(folder).of("axis_log").measured] == ["m"]
+
+
+def test_the_example_of_the_documentation(folder):
+    """Its table fits its machine file: the log follows as far behind as the page says."""
+    page = (Path(__file__).parents[1] / "docs" / "axis-logs.md").read_text(encoding="utf-8")
+    machine = page.partition('```toml\nname = "my axis"')[2].partition("```")[0]
+    (folder / "machine.toml").write_text('name = "my axis"' + machine)
+    command = to_and_fro()
+    axis = Axis(coulomb=0.12, ripple=0.02, ripple_order=3.0)
+    position, _ = record(axis, Control(integral_time=0.34 * 0.08), command)
+    (folder / "messung.csv").write_text(german(command, position, swapped=True))
+    (said,) = import_log(folder, folder / "messung.csv", controller="normal", preview=True).questions
+    assert f"look at this: {said}" in " ".join(page.split())
 
 
 def test_a_controller_that_the_machine_file_does_not_state(folder, motion):
