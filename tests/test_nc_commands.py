@@ -312,5 +312,6 @@ def test_programs_of_all_tests(campaign, tmp_path):
         assert archive.namelist() == ["cone.mpf", "turn.mpf"]
         ok(campaign, "--test", "turn", "-o", tmp_path / "turn.mpf", "--dialect", "siemens")
         assert archive.read("turn.mpf").decode() == (tmp_path / "turn.mpf").read_text(encoding="utf-8")
+    assert "all programs are written as .zip" in run(campaign, "-o", tmp_path / "all.nc").stderr
     refused = run(campaign, "-o", tmp_path / "all.zip")
     assert refused.exit_code == 1 and "all.zip" in refused.stderr and "--force" in refused.stderr

@@ -451,6 +451,9 @@ def test_plan_and_positions(folder, tmp_path):
 
     text = (tmp_path / "campaign.toml").read_text()
     (tmp_path / "campaign.toml").write_text(text + "\n" + tomlkit.dumps({"test": [test]}))
+    said = run("nc", tmp_path, "--test", "sphere", "-o", tmp_path / "positions.nc", code=1)
+    assert "which is measured at rest, are written as .csv, not as '.nc'" in " ".join(said.split())
+    assert not (tmp_path / "positions.nc").exists()
     run("nc", tmp_path, "--test", "sphere", "-o", tmp_path / "positions.csv")
     head, *rows = (tmp_path / "positions.csv").read_text().splitlines()
     assert head == "X_mm,Y_mm,Z_mm,A_deg,C_deg,from_A,from_C,spindle_deg" and len(rows) == 24

@@ -113,6 +113,7 @@ def _write_all(campaign: Path, out: Path, machine: Path | None, how, limit, max_
     from mjsim.io.files import check_writable, write_whole
     from mjsim.nc.write import zipped_programs
 
+    _check_ending(out, "all programs", ".zip")
     c, m = common.campaign_and_machine(campaign, machine, traces=False)
     c = c.in_motion
     if not c.tests:
@@ -124,12 +125,21 @@ def _write_all(campaign: Path, out: Path, machine: Path | None, how, limit, max_
         common.say(f"{len(names)} programs written to {out}")
 
 
+def _check_ending(out: Path, what: str, ending: str) -> None:
+    """Refuse the name of another kind of file for what is no NC program."""
+    from mjsim.errors import InputError
+
+    if out.suffix.lower() != ending:
+        raise InputError(f"{out}: {what} are written as {ending}, not as {out.suffix or out.name!r}")
+
+
 def _write_positions(test, out: Path, campaign, force: bool) -> None:
     """``mjsim nc`` of a test that is measured at rest: the table of its positions, to which what was found is added."""
     from mjsim.errors import InputError
     from mjsim.instruments.base import INSTRUMENTS
     from mjsim.io.files import write_whole
 
+    _check_ending(out, f'the positions of "{test.name}", which is measured at rest,', ".csv")
     instrument = INSTRUMENTS[test.instrument]
     text = instrument.planned_text(test)
     if not text:
