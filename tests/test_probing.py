@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import printed as run
+from commands import refused
 
 import mjsim
 from mjsim.errors import InputError
@@ -19,7 +20,7 @@ from mjsim.machine.chain import chain_of
 from mjsim.nc.probing import Probing, probing_program
 from mjsim.units import DEG, MM, UM
 
-HOW = Probing()
+HOW = Probing(sphere=25.0 * MM, tip=6.0 * MM)
 TEST = SphereTest(
     "ball",
     (0.11, 0.02, 0.09),
@@ -134,6 +135,16 @@ def test_what_linuxcnc_writes_becomes_points(program, tmp_path):
     log.write_text("\n".join(log.read_text().splitlines()[:-1]) + "\n")
     said = " ".join(run("import", log, "--campaign", tmp_path, "--points", "--test", "ball", "--force", code=1).split())
     assert "18 touches; allowed: the 19 of its program, in their order, or 34 with the ways down" in said
+
+
+def test_a_program_needs_the_diameters(tmp_path):
+    """Of another sphere than is there, the probe would hit it."""
+    (tmp_path / "machine.toml").write_bytes((examples() / "healthy" / "machine.toml").read_bytes())
+    (tmp_path / "campaign.toml").write_text(CAMPAIGN)
+    command = ["nc", tmp_path, "--test", "ball", "--dialect", "linuxcnc", "-o", tmp_path / "ball.ngc"]
+    assert "--tip is missing" in refused(tmp_path, [*command, "--sphere", 30])
+    run(*command, "--sphere", 30, "--tip", 4)
+    assert (tmp_path / "ball.ngc").is_file()
 
 
 def test_a_centre_follows_from_four_touches():

@@ -172,6 +172,8 @@ def _write_probing(test, out: Path, sizes_mm: dict, limits, machine: str, campai
     from mjsim.units import MM
 
     for name, value in sizes_mm.items():
+        if value is None:  # of another diameter, the probe would hit the sphere
+            raise InputError(f"--{name} is missing: a program that probes needs the diameters of sphere and tip, mm")
         if not 0.0 < value <= 1000.0:
             raise InputError(f"--{name} {value:g}; allowed: above 0, up to 1000 mm")
     text, _ = probing_program(test, Probing(**{k: v * MM for k, v in sizes_mm.items()}), limits, machine)

@@ -48,8 +48,8 @@ reading = kept(
 )
 #: How a sphere is probed.
 probing = kept(
-    click.option("--sphere", type=common.NUMBER, default=25.0, show_default=True, help="Diameter of a sphere, mm."),
-    click.option("--tip", type=common.NUMBER, default=6.0, show_default=True, help="Diameter of the probe's tip, mm."),
+    click.option("--sphere", type=common.NUMBER, help="Diameter of a sphere that is probed, mm."),
+    click.option("--tip", type=common.NUMBER, help="Diameter of the probe's tip, mm."),
     click.option("--clearance", type=common.NUMBER, default=3.0, show_default=True, help="Way of a touch, mm."),
     click.option(
         "--safe",

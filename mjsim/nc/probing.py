@@ -38,8 +38,8 @@ class Probing:
         descent: Of the way down beside the sphere, m/s.
     """
 
-    sphere: float = 25 * MM
-    tip: float = 6 * MM
+    sphere: float
+    tip: float
     clearance: float = 3 * MM
     safe: float = 100 * MM
     feed: float = 100 * MM / 60.0
@@ -52,7 +52,7 @@ class Probing:
 
 
 def probing_program(
-    test: SphereTest, how: Probing | None = None, limits: Limits | None = None, machine: str = ""
+    test: SphereTest, how: Probing, limits: Limits | None = None, machine: str = ""
 ) -> tuple[str, NCFile]:
     """The program of a planned test, and the motion that it commands if the probe never switches.
 
@@ -65,7 +65,6 @@ def probing_program(
     Raises:
         InputError: Nothing is planned, a head turns, the stem is in the way, or an axis leaves its travel.
     """
-    how = how or Probing()
     if not test.angles:
         raise InputError(f'test "{test.name}": no positions are planned')
     if how.clearance >= how.reach:
