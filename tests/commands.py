@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 
 import pytest
@@ -122,6 +123,16 @@ def cut(target, tests=TESTS, traces=True, example="hidden-backlash"):
         shutil.copy(source / "traces" / f"{name}.csv.gz", target / "traces")
     shutil.copy(source / "machine.toml", target)
     return target
+
+
+def well_labelled(figure):
+    """No legend lies on data, and units stand behind a comma."""
+    figure.canvas.draw()
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        assert legend is None or legend.get_window_extent().y0 >= axes.get_window_extent().y1 - 1.0
+        assert not re.search(r"[\[(]", axes.get_xlabel() + axes.get_ylabel())
+    return True
 
 
 def snapshot(folder):

@@ -7,15 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from commands import refused
+from commands import refused, well_labelled
 
 from mjsim.campaign.files import read_campaign
+from mjsim.campaign.machine_file import read_machine
 from mjsim.cli.main import main
+from mjsim.commands.compare import compare
 from mjsim.errors import InputError
 from mjsim.importing.logs import import_log
 from mjsim.importing.reading import Options
 from mjsim.instruments.axis_log.instrument import log_mistakes
 from mjsim.io.resources import examples
+from mjsim.plots.comparison import axis_figure
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
 AXIS, PI = Axis(coulomb=0.12), Control(integral_time=0.04)
@@ -98,6 +101,12 @@ def test_a_controller_that_the_machine_file_does_not_state(folder, motion):
     (folder / "m.csv").write_text(german(motion[0], motion[1], swapped=False))
     said = refused(folder, ["import", folder / "m.csv", "--campaign", folder, "--log", "--controller", "fast"])
     assert "machine.toml: no controller 'fast' of X; allowed: c" in said
+
+
+def test_the_picture_is_well_labelled(folder):
+    (part,) = compare(read_campaign(folder), read_machine(folder / "machine.toml")).parts
+    (test,) = part.tests
+    assert all(well_labelled(axis_figure(test, axis)) for axis in test.channels)
 
 
 def test_a_campaign_of_ball_bar_tests_gets_a_recorder(folder, motion):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from commands import printed as run
-from commands import read
+from commands import read, well_labelled
 
 import mjsim
 from mjsim.commands.any_instrument import compare_plainly
@@ -18,6 +18,7 @@ from mjsim.inference.at_rest import RestProblem, RestSearch
 from mjsim.inference.posterior import Posterior
 from mjsim.instruments.sphere.instrument import SphereProbe, circle_through, location_errors, read_points, trace_text
 from mjsim.instruments.sphere.mistakes import sphere_mistakes
+from mjsim.plots.comparison import points_figure
 from mjsim.units import DEG, UM
 from tests.independent import sphere
 
@@ -479,6 +480,11 @@ def test_report_plots_and_workbench(folder, tmp_path):
     before = bench.quick().rms
     bench.set("axis_location.EY0A", value_um=5.4)
     assert bench.quick().rms < before
+
+
+def test_the_picture_is_well_labelled(folder):
+    (part,) = mjsim.compare(*read(folder)).parts
+    assert well_labelled(points_figure(part.tests[0]))
 
 
 def test_repeats_give_the_noise(folder):

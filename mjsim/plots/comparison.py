@@ -59,24 +59,24 @@ def axis_figure(log: ComparedLog, axis: ComparedAxis) -> Figure:
     )
     follow.plot(time, measured, color=style.MEASURED, lw=0.9, label="measured")
     follow.plot(time, simulated, color=style.SIMULATED, lw=0.8, label="simulated")
-    style.label(follow, "time (s)", f"command less position ({symbol})")
-    follow.legend(fontsize=style.SMALL, frameon=False, ncols=2, loc="upper right")
+    style.label(follow, "time, s", f"command less position, {symbol}")
+    style.legend_above(follow)
     time, residual, position = style.thinned(axis.time, axis.residual / unit, axis.measured / travel)
     rest.axhspan(-2 * axis.noise / unit, 2 * axis.noise / unit, color=style.BAND, lw=0)
     rest.plot(time, residual, color=style.INK, lw=0.7)
-    style.label(rest, "time (s)", f"measured less simulated ({symbol})")
+    style.label(rest, "time, s", f"measured less simulated, {symbol}")
     forth = style.thinned(axis.velocity >= 0.0)[0]
     for way, colour, name in ((forth, style.SIMULATED, "forth"), (~forth, style.NOISE, "back")):
         over.plot(position[way], residual[way], ".", ms=1.2, color=colour, label=name)
-    over.legend(fontsize=style.SMALL, frameon=False, markerscale=5, ncols=2)
-    style.label(over, f"position ({place})", f"measured less simulated ({symbol})")
+    style.legend_above(over, markerscale=5)
+    style.label(over, f"position, {place}", f"measured less simulated, {symbol}")
     speed, torque = style.thinned(axis.velocity / travel, axis.torque)
     if axis.recorded_torque is not None:
         recorded = style.thinned(axis.recorded_torque)[0]
         friction.plot(speed, recorded, ".", ms=1.2, color=style.MEASURED, label="recorded")
     friction.plot(speed, torque, ".", ms=1.0, color=style.SIMULATED, label="simulated")
-    friction.legend(fontsize=style.SMALL, frameon=False, markerscale=5, ncols=2)
-    style.label(friction, f"velocity ({place}/s)", "motor torque (N·m)")
+    style.legend_above(friction, markerscale=5)
+    style.label(friction, f"velocity, {place}/s", "motor torque, N·m")
     return figure
 
 
@@ -157,9 +157,9 @@ def points_figure(t: Any) -> Figure:
         axes.plot(places[:, i], places[:, j], ".", color=style.INK, ms=3)
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.15)
-        style.label(axes, f"{COORDINATES[i]} (mm)", f"{COORDINATES[j]} (mm)")
+        style.label(axes, f"{COORDINATES[i]}, mm", f"{COORDINATES[j]}, mm")
         if column == 0:
-            axes.legend(fontsize=style.SMALL, frameon=False, loc="upper left")
+            style.legend_above(axes)
     figure.text(
         0.97,
         0.925,
@@ -174,8 +174,8 @@ def points_figure(t: Any) -> Figure:
     number = np.arange(1, len(rest) + 1)
     for values, c, marker in zip(rest.T, t.channels, "os^", strict=True):
         axes.plot(number, values, marker, ms=3.5, label=c.channel.name)
-    axes.legend(fontsize=style.SMALL, frameon=False, ncols=3, loc="upper right")
-    style.label(axes, "point", "measured less simulated (µm)")
+    style.legend_above(axes, 3)
+    style.label(axes, "point", "measured less simulated, µm")
     return figure
 
 
@@ -244,12 +244,11 @@ def channels_figure(t: ComparedTest) -> Figure:
             below.plot(time, residual, color=style.INK, lw=0.7)
         else:
             _series(above, below, over, c.valid, rows)
-        place = {"loc": "upper right"} if over is None else {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
-        above.legend(fontsize=style.SMALL, frameon=False, ncols=2 if over is None else 4, **place)
-        style.label(above, "", f"{c.channel.name} ({unit})")
+        style.legend_above(above, 2 if over is None else 4)
+        style.label(above, "", f"{c.channel.name}, {unit}")
         below.axhspan(-2 * c.noise / size, 2 * c.noise / size, color=style.BAND, lw=0)
-        style.label(below, "", f"measured less simulated ({unit})")
-    axes[-1].set_xlabel(f"{over.name} ({over.unit})" if over else "time (s)", fontsize=style.TEXT)
+        style.label(below, "", f"measured less simulated, {unit}")
+    axes[-1].set_xlabel(f"{over.name}, {over.unit}" if over else "time, s", fontsize=style.TEXT)
     figure.tight_layout()
     return figure
 

@@ -66,7 +66,7 @@ def curve_figure(
     axes.tick_params(labelsize=style.SMALL, colors=style.SOFT)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.01)
-    axes.legend(fontsize=style.SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    style.legend_above(axes)
     if lines:
         figure.text(0.02, 0.97, "\n".join(lines), fontsize=style.TEXT, color=style.INK, va="top")
     return figure

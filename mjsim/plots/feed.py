@@ -40,7 +40,7 @@ def feed_figure(
     room = max(0.08 * (highest - lowest), 2e-4 * nominal_mm_min)  # a perfect feed is not magnified into noise
     upper.set_ylim(lowest - room, highest + room)
     upper.ticklabel_format(axis="y", useOffset=False)
-    upper.legend(fontsize=style.SMALL, frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    style.legend_above(upper)
     lower.axhline(0.0, color=style.NOMINAL, linewidth=1.0, linestyle="--")
     lower.plot(phi, reading, color=style.MEASURED, linewidth=0.5)
     lower.set_xlabel("φ, deg", fontsize=style.TEXT, color=style.INK)

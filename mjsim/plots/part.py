@@ -83,6 +83,6 @@ def _along(axes, result: Prediction) -> None:
     axes.set_ylabel("µm", fontsize=style.TEXT)
     axes.tick_params(labelsize=style.SMALL)
     axes.grid(color=style.GRID, linewidth=0.5)
-    axes.legend(fontsize=style.SMALL, frameon=False, loc="upper right", ncols=3)
+    style.legend_above(axes, 3)
     for side, spine in axes.spines.items():
         spine.set(visible=side in ("left", "bottom"), color=style.NOMINAL, linewidth=0.6)

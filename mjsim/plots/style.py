@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -133,3 +133,9 @@ def label(axes: Axes, x: str, y: str) -> None:
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def legend_above(axes: Axes, columns: int = 2, **more: Any) -> None:
+    """The legend above the diagram, where it hides no data."""
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    axes.legend(fontsize=SMALL, frameon=False, ncols=columns, **place, **more)
