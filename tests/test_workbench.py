@@ -283,7 +283,7 @@ def test_what_a_residual_is_drawn_over(bench):
     keys = traces.choices(bench.opened, TESTS[0])
     assert list(keys)[:2] == ["angle", "time"] and "A position" in keys and "A speed" in keys
     over = traces.abscissa(bench.opened, trace, "A position")
-    assert over.label == "A position in °" and 0 < over.forward.mean() < 1
+    assert over.label == "A position, °" and 0 < over.forward.mean() < 1
     speed = traces.abscissa(bench.opened, trace, "A speed")
     inner = slice(20, -20)
     assert np.allclose(np.gradient(over.value, trace.time)[inner], speed.value[inner], atol=0.2)

@@ -47,7 +47,7 @@ def temperature_figure(campaign: Campaign) -> Figure:
                 fontsize=style.SMALL,
                 color=style.SOFT,
             )
-    style.label(axes, "campaign clock (min)", "temperature (°C)")
+    style.label(axes, "campaign clock, min", "temperature, °C")
     axes.legend(fontsize=style.SMALL, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     figure.tight_layout()
     return figure

@@ -116,7 +116,7 @@ class RecordingTraces:
     def _of_time(self, axis: ComparedChannel, before: ComparedChannel | None) -> dict:
         _, _, now, _, grey, band, measured = COLOURS[self.dark]
         unit, symbol = axis.channel.size, axis.channel.unit
-        out = self._empty("time in s", f"{self.what.value} in {symbol}")
+        out = self._empty("time, s", f"{self.what.value}, {symbol}")
         if self.what.value == _BOTH:
             rows = [("measured", axis.measured, measured), ("simulated", axis.simulated, now)]
         elif isinstance(axis, ComparedAxis) and self.what.value == _FOLLOWING:
@@ -129,7 +129,7 @@ class RecordingTraces:
             if before is not None and len(before.time) == len(axis.time):
                 rows.insert(0, (self.live.other_name, before.residual, grey))
         for name, value, colour in rows:
-            out["series"].append(_line(f"{name} in {symbol}", colour, *thinned(axis.time, value / unit, _PARTS)))
+            out["series"].append(_line(f"{name}, {symbol}", colour, *thinned(axis.time, value / unit, _PARTS)))
         if self.what.value == _REST:
             ends = [{"yAxis": -2 * axis.noise / unit}, {"yAxis": 2 * axis.noise / unit}]
             out["series"][-1]["markArea"] = {"silent": True, "itemStyle": {"color": band}, "data": [ends]}
@@ -138,7 +138,7 @@ class RecordingTraces:
     def _of_position(self, axis: ComparedAxis) -> dict:
         _, _, now, back, *_ = COLOURS[self.dark]
         unit, symbol, travel, place = axis.channel.size, axis.channel.unit, axis.travel.size, axis.travel.unit
-        out = self._empty(f"position in {place}", f"rest in {symbol}")
+        out = self._empty(f"position, {place}", f"rest, {symbol}")
         keep = _spread(len(axis.time))
         forth = axis.velocity[keep] >= 0.0
         for name, mask, colour in (("forth", forth, now), ("back", ~forth, back)):
@@ -149,7 +149,7 @@ class RecordingTraces:
     def _of_torque(self, axis: ComparedAxis) -> dict:
         _, _, now, _, _, _, measured = COLOURS[self.dark]
         travel, place = axis.travel.size, axis.travel.unit
-        out = self._empty(f"velocity in {place}/s", "motor torque in N·m")
+        out = self._empty(f"velocity, {place}/s", "motor torque, N·m")
         keep = _spread(len(axis.time))
         speed = axis.velocity[keep] / travel
         if axis.recorded_torque is not None:

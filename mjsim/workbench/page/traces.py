@@ -54,19 +54,19 @@ def abscissa(opened: OpenCampaign, trace: Trace, key: str) -> Abscissa:
         key: Of :func:`choices`.
     """
     if key == TIME:
-        return Abscissa("time in s", trace.time)
+        return Abscissa("time, s", trace.time)
     letter, _, what = key.partition(" ")
     chain = trace.test.chain
     if letter not in chain.letters:
-        return Abscissa("angle φ in °", np.degrees(trace.phi))
+        return Abscissa("angle φ, °", np.degrees(trace.phi))
     program, i = opened.motions[trace.test.name].program, chain.index(letter)
     unit, size, per_s = ("°", DEG, "°/s") if chain.is_rotary(letter) else ("mm", MM, "mm/s")
     step = 0.01
     now, later = program.commands(trace.time)[:, i], program.commands(trace.time + step)[:, i]
     speed = (later - now) / step
     if what == "speed":
-        return Abscissa(f"{letter} speed in {per_s}", speed / size)
-    return Abscissa(f"{letter} position in {unit}", now / size, speed >= 0.0)
+        return Abscissa(f"{letter} speed, {per_s}", speed / size)
+    return Abscissa(f"{letter} position, {unit}", now / size, speed >= 0.0)
 
 
 #: Parts of a line in the chart; two points each.
@@ -243,7 +243,7 @@ class Traces:
             low, high = float(np.round(across.value.min())), float(np.round(across.value.max()))
             out["xAxis"] |= {"min": low, "max": high} | ({"interval": 90} if high - low >= 360 else {})
         out["yAxis"] |= {
-            "name": f"{'measured − simulated' if measured else 'reading'} in µm",
+            "name": f"{'measured − simulated' if measured else 'reading'}, µm",
             "min": -step,
             "max": step,
         }
@@ -254,9 +254,9 @@ class Traces:
         if across.forward is not None:
             halves = [(across.forward[at], f"{words}, forwards"), (~across.forward[at], f"{words}, backwards")]
         for series, (mask, name) in zip(out["series"][1:], halves, strict=False):
-            series |= {"name": f"{name} in µm", "data": pairs(across.value[at], np.where(mask, thin, np.nan))}
+            series |= {"name": f"{name}, µm", "data": pairs(across.value[at], np.where(mask, thin, np.nan))}
         if b is not None and across.forward is None:
-            out["series"][0] |= {"name": f"{self.live.other_name} in µm", "data": pairs(across.value[at], b[at] / UM)}
+            out["series"][0] |= {"name": f"{self.live.other_name}, µm", "data": pairs(across.value[at], b[at] / UM)}
         self._mark(out["series"][1], trace, across, measured)
 
     def _mark(self, series: dict, trace: Trace, across: Abscissa, measured: bool) -> None:
