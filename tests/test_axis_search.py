@@ -1,6 +1,7 @@
 """The search on axis logs: its evidence, its descent, waves over the motor's angle, and prediction of other logs."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +12,14 @@ from mjsim.campaign.machine_file import read_machine, write_machine
 from mjsim.cli.main import main
 from mjsim.commands.axis_log.compare import compare_logs
 from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.commands.axis_log.diagnosis import little_known
 from mjsim.errors import InputError
 from mjsim.inference.axis_logs.descent import Descended, Priors, bounded_step, descend
 from mjsim.inference.axis_logs.discrepancy import discrepancy_of
 from mjsim.inference.axis_logs.entries import AxisModel
 from mjsim.inference.axis_logs.fit import independent_count
 from mjsim.machine.model import build
+from mjsim.report.write import _finding, _sheet_row
 from mjsim.simulation.servo import ServoStart, block_means, follow, sampled
 from tests.independent.logs import CAMPAIGN, Axis, Control, csv, machine_toml, record, to_and_fro
 
@@ -48,6 +51,11 @@ def test_a_torque_ripple_is_found_with_its_order(folder):
     assert low < 0.03 < high
     assert found.effect.values["phase_deg"] == pytest.approx(np.degrees(0.7), abs=3.0)
     assert 5.0 * result.after.rms < result.before.rms and result.after.rms < 0.1e-6
+    open_ = replace(found, undetermined=("amplitude_Nm",)).to_json(result.machine)
+    assert ["amplitude_Nm", "not determined", "–"] in _finding(found, open_)["rows"]
+    row = _sheet_row(replace(result.sheet[0], known=False).to_json())
+    assert (row["found"], row["ends"], row["source"]) == ("not determined", "–", "the data sheet")
+    assert little_known("X", ["drive.inertia"]) == "X: the logs say little about drive.inertia"
 
 
 def test_viscous_friction_by_direction_is_no_constant_force(folder):

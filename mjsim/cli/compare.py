@@ -368,23 +368,19 @@ def show_left_out(data: dict) -> None:
 
 def show_sheet(data: dict) -> None:
     """The data sheet as stated and as found, and what cannot be separated."""
+    from mjsim.commands.axis_log.diagnosis import little_known
     from mjsim.machine.model import sheet_name
 
     rows = []
     for s in data["data_sheet"]:
         name, unit = sheet_name(s["name"])
-        known = "recorded output" if s["source"] == "recorded output" else "motion" if s["known"] else "the sheet"
         label = f"{s['axis']} {name}" + (f" ({s['controller']})" if s["controller"] else "")
-        found = [estimate(s["found"], s["ci95"]), interval(s["ci95"])]
-        numbers = [f"{s['stated']:.4g}", *(found if known != "the sheet" else ["not determined", "–"])]
-        rows.append([label, *numbers, unit, known])
+        found = [estimate(s["found"], s["ci95"]), interval(s["ci95"])] if s["known"] else ["not determined", "–"]
+        rows.append([label, f"{s['stated']:.4g}", *found, unit, s["source"] if s["known"] else "the sheet"])
     if rows:
         common.table(["data sheet", "stated", "found", "95 %", "unit", "known from"], rows, text=(0, 3, 4, 5))
     for i in data["not_separable"]:
-        if len(i["numbers"]) == 1:
-            common.paragraph(f"{i['axis']}: the logs say little about {i['numbers'][0]}; {i['remedy']}")
-        else:
-            common.paragraph(f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}")
+        common.paragraph(f"{little_known(i['axis'], i['numbers'])}; {i['remedy']}")
 
 
 def symbol_of(axis: dict) -> str:

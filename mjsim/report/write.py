@@ -14,7 +14,7 @@ from mjsim.campaign.model import Campaign
 from mjsim.campaign.temperature import in_campaign, remarks_on
 from mjsim.commands.any_instrument import PlainTest
 from mjsim.commands.axis_log.compare import ComparedAxis
-from mjsim.commands.axis_log.diagnosis import MORE_IS_LEFT, LogDiagnosis
+from mjsim.commands.axis_log.diagnosis import MORE_IS_LEFT, LogDiagnosis, little_known
 from mjsim.commands.ball_bar.compare import BarComparison, compare_bars
 from mjsim.commands.compare import compare
 from mjsim.commands.comparison import ComparedChannel, ComparedPart, ComparedTest
@@ -205,10 +205,7 @@ def diagnosed_section(result: LogDiagnosis, said: Sequence[str]) -> dict:
         "ladders": _ladders(result),
         "budget": [_budget_row(b) for b in result.budget],
         "sheet": [_sheet_row(row) for row in data["data_sheet"]],
-        "not_separable": [
-            f"{i['axis']}: only a combination of {', '.join(i['numbers'])} is known; {i['remedy']}."
-            for i in data["not_separable"]
-        ],
+        "not_separable": [f"{little_known(i['axis'], i['numbers'])}; {i['remedy']}." for i in data["not_separable"]],
         "not_testable": data["not_testable"],
     }
 
@@ -217,7 +214,9 @@ def _finding(e: DiagnosedEffect, row: dict) -> dict:
     rows = []
     for name, value in row["parameters"].items():
         ends = row["ci95"].get(name)
-        if name == "components":
+        if name in row["undetermined"]:
+            rows.append([name, "not determined", "–"])
+        elif name == "components":
             for i, (order, size, _) in enumerate(value):
                 own = wave_ends(ends, i, 1)
                 rows.append([f"amplitude of order {order:g}, N·m", estimate(size, own), interval(own)])
@@ -259,8 +258,8 @@ def _sheet_row(row: dict) -> dict:
     return {
         "name": f"{row['axis']} {name}{where}, {unit}".rstrip(", "),
         "stated": f"{row['stated']:.4g}",
-        "found": estimate(row["found"], row["ci95"]),
-        "ends": interval(row["ci95"]),
+        "found": estimate(row["found"], row["ci95"]) if row["known"] else "not determined",
+        "ends": interval(row["ci95"]) if row["known"] else "–",
         "source": row["source"] if row["known"] else "the data sheet",
     }
 

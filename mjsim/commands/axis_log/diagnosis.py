@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,6 +22,13 @@ from mjsim.units import DEG, MM, UM
 
 #: Why the verdict is ``unknown``.
 MORE_IS_LEFT = "more is left than a sound machine leaves, and no effect of the catalogue explains it"
+
+
+def little_known(axis: str, numbers: Sequence[str]) -> str:
+    """What the logs of an axis leave open of its numbers, in words."""
+    if len(numbers) == 1:
+        return f"{axis}: the logs say little about {numbers[0]}"
+    return f"{axis}: only a combination of {', '.join(numbers)} is known"
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from mjsim.commands.axis_log.diagnosis import LogDiagnosis
+from mjsim.commands.axis_log.diagnosis import LogDiagnosis, little_known
 from mjsim.commands.diagnosis import VERDICTS, Diagnosis
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.digits import estimate, interval
@@ -201,9 +201,7 @@ class LogFindingsPanel(JobPanel):
                 name, unit = sheet_name(n.name)
                 ui.label(f"{n.axis} {name}{where}: {estimate(n.found, n.ci95)}, stated {n.stated:.4g} {unit}".rstrip())
             for i in result.inseparable[:3]:
-                ui.label(
-                    f"{i.axis}: only a combination of {', '.join(x.rpartition('.')[2] for x in i.labels)} is known"
-                ).classes("soft")
+                ui.label(little_known(i.axis, [x.rpartition(".")[2] for x in i.labels])).classes("soft")
             take = ui.button("take it: all causes, and these numbers", on_click=self._take)
             take.props("dense flat no-caps").mark("take")
 
