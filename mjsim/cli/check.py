@@ -20,8 +20,8 @@ def command(campaign, machine, fix, threads) -> None:
 
     Friction leaves a spike where an axis reverses, and tests of one set-up share the balls' offsets. Both tell whether
     a trace is what campaign.toml says, whatever is wrong with the machine. A test is "ok" only where its reversals show
-    it. Commands that compare traces with a model look as well. They refuse what is certainly wrong, unless they are
-    told --as-is.
+    its unit and sign. They do not always show its direction. Commands that compare traces with a model look as well.
+    They refuse what is certainly wrong, unless they are told --as-is.
 
     \b
     Example: mjsim check my-machine
@@ -104,6 +104,6 @@ def _show_bars(data: dict, part, fix: Path | None, files: list[Path]) -> None:
         common.say("--fix FOLDER writes a corrected copy")
     elif not part.mistakes:
         shown = sum(row[3] == "ok" for row in rows)
-        common.paragraph(f"No mistake found. The data show that {shown} of {len(rows)} tests are right.")
+        common.paragraph(f"No mistake found. The reversals of {shown} of {len(rows)} tests show unit and sign.")
         if fix:
             common.say(f"nothing was written to {fix}")
