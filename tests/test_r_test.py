@@ -262,6 +262,9 @@ def test_a_plan_of_motions(sound):
     assert {t["kind"] for t in said["tests"]} == {"r_test"}
     assert {t["axis"] for t in said["tests"]} == {"A", "C"}
     assert "axis_location.EB0C" in said["told"] and said["minutes"] <= 15
+    turned = {t["name"] for t in said["tests"] if t.get("spindle_deg") == 180.0}
+    assert turned and turned == {t["name"] for t in said["tests"] if t["name"].endswith("-spindle180")}
+    assert "axis_location.EY0A" not in said["hidden"]  # it stands still as the place of the nest does
 
 
 def test_sweeps_and_simulations_run_it(sound, tmp_path):

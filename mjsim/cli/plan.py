@@ -180,7 +180,8 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
     from mjsim.campaign.machine_file import read_machine
     from mjsim.campaign.machine_templates import template_named
     from mjsim.campaign.new import check_new_folder, check_position_gain, machine_text, new_planned_campaign
-    from mjsim.inference.planning.whole_campaign import CampaignPlanner, possible_motions
+    from mjsim.commands.plan import r_test_motions
+    from mjsim.inference.planning.whole_campaign import CampaignPlanner
     from mjsim.instruments.r_test.measurement import SphereReading
     from mjsim.io.toml import read_text
 
@@ -195,7 +196,7 @@ def _plan_new(machine, template_name, position_gain, minutes, instrument, out, t
     else:
         m, text = read_machine(machine), read_text(machine)
     with common.progress_bar() as progress:
-        tests = list(possible_motions(m)) if instrument == SphereReading.instrument else None
+        tests = r_test_motions(m) if instrument == SphereReading.instrument else None
         plan = CampaignPlanner(m, common.cores(threads), progress, tests=tests).plan(time)
     data = plan.to_json()
     files = [] if out is None else new_planned_campaign(out, text, data["tests"], instrument)

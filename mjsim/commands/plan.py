@@ -28,19 +28,34 @@ from mjsim.inference.fit import Fitter
 from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.noise import usual_noise
 from mjsim.inference.planning.at_rest import PlannedTest
-from mjsim.inference.planning.candidates import Reach
+from mjsim.inference.planning.candidates import Reach, renamed
 from mjsim.inference.planning.next_test import NOTHING, Plan, best_of, plan_for, typical, worth
 from mjsim.inference.planning.separation import Explanation, competing_of
+from mjsim.inference.planning.whole_campaign import possible_motions
 from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.samples import BLOCKS
 from mjsim.inference.settings import DIAGNOSIS, PLAN, DiagnosisSettings, PlanSettings
 from mjsim.inference.vibration import separate
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
+from mjsim.instruments.ball_bar.kinds import kind_of
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.threads import one_blas_thread
 from mjsim.units import DEG, UM
+
+# -- a new campaign ----------------------------------------------------------------------------------------------------
+
+
+def r_test_motions(machine: Machine) -> list[BallBarTest]:
+    """R-tests that a new campaign may have, one reading of each: with the spindle as it is, and after half a turn. That
+    tells the place of the nest from that of an axis.
+    """
+    motions = list(possible_motions(machine))
+    turned = [replace(t, spindle=np.pi) for t in motions]
+    return [*motions, *(renamed(t, kind_of(t).short_name(t), t.setup) for t in turned)]
+
 
 # -- the next ball-bar test --------------------------------------------------------------------------------------------
 

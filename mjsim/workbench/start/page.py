@@ -15,10 +15,11 @@ from nicegui.events import UploadEventArguments
 from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_templates import FACTOR, LAYOUTS, SIZES
 from mjsim.campaign.new import BALL_BAR, turns_of
+from mjsim.commands.plan import r_test_motions
 from mjsim.errors import InputError, SimulationError
 from mjsim.importing.into_campaign import test_name
 from mjsim.importing.reading import Options
-from mjsim.inference.planning.whole_campaign import CampaignPlan, CampaignPlanner, possible_motions, told_sentences
+from mjsim.inference.planning.whole_campaign import CampaignPlan, CampaignPlanner, told_sentences
 from mjsim.instruments.axis_log.measurement import LogTest
 from mjsim.instruments.ball_bar.acceptance import CIRCULAR
 from mjsim.instruments.ball_bar.kinds import KINDS, kind_of
@@ -544,7 +545,7 @@ class StartPage:
         def make() -> CampaignPlan:
             if self._planner is None or self._planner[0] != repr(machine):
                 spheres = self.draft.instrument == SphereReading.instrument
-                tests = list(possible_motions(machine)) if spheres else None
+                tests = r_test_motions(machine) if spheres else None
                 self._planner = repr(machine), CampaignPlanner(machine, self.server.threads, tell, tests=tests)
             progress["words"] = "choosing tests …"
             return self._planner[1].plan(minutes)

@@ -268,6 +268,11 @@ def place_name(test: BallBarTest) -> str:
     return "-".join(p for p in map(part, "xy", test.table_ball[:2]) if p) or "centre"
 
 
+def spindle_name(test: BallBarTest) -> str:
+    """At which angle the spindle is held, as the end of a name: ``-spindle180``; nothing at 0."""
+    return f"-spindle{number_name(test.spindle / DEG)}" if test.spindle else ""
+
+
 def able_kinds(chain: Chain) -> list[str]:
     """Names of the kinds of tests that a machine with these axes can run."""
     return [name for name, kind in KINDS.items() if not kind.cannot(chain)]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Key, Turn, place_name, register
+from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Key, Turn, place_name, register, spindle_name
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import Axis, Chain
 from mjsim.machine.inverse import linear_positions
@@ -82,7 +82,7 @@ class Rotary(Turn):
 
     def short_name(self, test: BallBarTest) -> str:
         sensitive = "" if test.component else f"{test.sensitive}-"
-        return f"rotary-{test.axis.lower()}-{sensitive}{self.way(test).lower()}-{place_name(test)}"
+        return f"rotary-{test.axis.lower()}-{sensitive}{self.way(test).lower()}-{place_name(test)}{spindle_name(test)}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         turn = {a.letter: _first_turn(chain, a) for a in (*chain.turning, *chain.swivelling)}

@@ -9,7 +9,17 @@ from functools import lru_cache
 import numpy as np
 
 from mjsim.errors import InputError
-from mjsim.instruments.ball_bar.kinds.base import FROM, TO, Angle, Key, Turn, number_name, place_name, register
+from mjsim.instruments.ball_bar.kinds.base import (
+    FROM,
+    TO,
+    Angle,
+    Key,
+    Turn,
+    number_name,
+    place_name,
+    register,
+    spindle_name,
+)
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.chain import COORDINATES, Axis, Chain
 from mjsim.machine.inverse import linear_positions
@@ -110,7 +120,8 @@ class Simultaneous(Turn):
         turns = test.stop - test.start, float(test.more["second_stop"]) - float(test.more["second_start"])
         ends = "-".join(number_name(round(v / DEG)) for v in turns)
         sensitive = "" if test.component else f"{test.sensitive.lower()}-"
-        return f"simultaneous-{axes}-{ends}-{sensitive}{self.way(test).lower()}-{place_name(test)}"
+        place = f"{place_name(test)}{spindle_name(test)}"
+        return f"simultaneous-{axes}-{ends}-{sensitive}{self.way(test).lower()}-{place}"
 
     def proposals(self, chain: Chain, length: float, height: float) -> Iterator[BallBarTest]:
         if self.cannot(chain):
