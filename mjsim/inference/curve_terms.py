@@ -26,6 +26,8 @@ from mjsim.machine.plant import Motion
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.units import UM
 
+#: The variable of what follows a reversal.
+SINCE = "time_since_reversal"
 #: Knots of the free curve of each variable.
 KNOTS = {
     "position": 36,
@@ -33,7 +35,7 @@ KNOTS = {
     "velocity": 12,
     "acceleration": 12,
     "torque": 10,
-    "time_since_reversal": 10,
+    SINCE: 10,
     "clock_time": 24,
 }
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
@@ -51,7 +53,7 @@ VALUE = {
     "velocity": lambda m, i: m.velocity[:, i],
     "acceleration": lambda m, i: m.acceleration[:, i],
     "torque": lambda m, i: m.torque[:, i],
-    "time_since_reversal": lambda m, i: np.log10(np.clip(m.since_reversal[:, i], 0.02, 100.0)),
+    SINCE: lambda m, i: np.log10(np.clip(m.since_reversal[:, i], 0.02, 100.0)),
 }
 #: Directions of the table ball in the work frame.
 TABLE = ("table x", "table y", "table z")
@@ -59,6 +61,8 @@ TABLE = ("table x", "table y", "table z")
 RADIAL = "table radial"
 #: What moves where a structure rings, and the variable of that: see :mod:`mjsim.inference.resonance`.
 STRUCTURE, SWING = "structure", "swing"
+#: The variable of what stays from one reversal of an axis to the next, and is another each time.
+STROKE = "stroke"
 #: What a coefficient of 1 is: 10 µrad or 1 µm.
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
 #: Variables that change little within a block. Of the others, a block mean says too little around a reversal.
@@ -66,9 +70,9 @@ SLOW = ("position", "clock_time")
 #: A curve is looked at with so many times the knots: one of a variable with small details, since scales, screws and
 #: wheels have steps and teeth, and what turns back lets go at once; and any other, that has a bend or a jump at most.
 _FINER, _SMOOTHER = (2, 4, 8, 16), (2, 4)
-_DETAILED = ("position", "direction", "time_since_reversal")
+_DETAILED = ("position", "direction", SINCE)
 #: Variables whose curves count with the direction of motion.
-SIGNED = ("direction", "time_since_reversal")
+SIGNED = ("direction", SINCE)
 #: Knots of the curve, rad.
 _KNOTS = np.arange(72) * (2.0 * np.pi / 72)
 
@@ -112,7 +116,7 @@ class CurveTerm:
     @property
     def settles(self) -> bool:
         """Whether its curve ends at zero: what stays long after a reversal is play."""
-        return self.variable == "time_since_reversal"
+        return self.variable == SINCE
 
     @property
     def mode(self) -> tuple[float, float] | tuple[()]:
@@ -145,6 +149,7 @@ class CurveTerms:
         self.problem, self.fit, self.chain = problem, fit, problem.chain
         self.plant = build(fit.machine)
         self.sensitivities = problem.map(self._sensitivity)
+        self._turns: dict[str, tuple[np.ndarray, ...]] = {}
 
     @cached_property
     def on_grid(self) -> list[Motion]:
@@ -198,6 +203,7 @@ class CurveTerms:
         """Terms of an axis in its own direction."""
         for axis in self.moving():
             yield from self.of(axis, axis)
+            yield from self.strokes(axis)
 
     def across(self) -> Iterator[CurveTerm]:
         """Terms that displace something else: linear axes, and for the turning table the work on it."""
@@ -222,7 +228,7 @@ class CurveTerms:
         """All terms of one axis' motion that displace ``moves``."""
         i = self.chain.index(axis)
         for variable in VALUE:
-            if variable == "time_since_reversal" and moves != axis:
+            if variable == SINCE and moves != axis:
                 continue  # in one swing it is nearly the direction of motion
             x, blocks = self._values(axis, variable), [VALUE[variable](m, i) for m in self.motions]
             lo, hi = min(v.min() for v in blocks), max(v.max() for v in blocks)
@@ -285,7 +291,7 @@ class CurveTerms:
 
     def finer(self, term: CurveTerm, most: int) -> Iterator[CurveTerm]:
         """The same term with more knots, up to ``most``."""
-        if term.moves == RADIAL or (term.period and not term.axis):
+        if term.moves == RADIAL or term.variable == STROKE or (term.period and not term.axis):
             return
         values = self._values(term.axis, term.variable) if term.axis else [m.clock for m in self.motions]
         for factor in _FINER if term.variable in _DETAILED else _SMOOTHER:
@@ -308,14 +314,33 @@ class CurveTerms:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
         columns = HatColumns(values, weights, knots, period, averages)
-        turns = tuple(self._turns(k, axis) for k in range(len(values))) if variable == "time_since_reversal" else ()
+        turns = self.turns(axis) if variable == SINCE else ()
         yield CurveTerm(axis, moves, variable, knots, period, columns, turns=turns)
 
-    def _turns(self, k: int, axis: str) -> np.ndarray:
-        """When an axis turns back in test ``k``, (turns,) s from the start of its trace."""
-        m = self.on_grid[k]
-        turned = m.time - m.since_reversal[:, self.chain.index(axis)]
-        return turned[1:][np.diff(turned) > 0.5 * GRID] + self._shift(k)
+    def turns(self, axis: str) -> tuple[np.ndarray, ...]:
+        """When an axis turns back in each test, (turns,) s from the start of its trace."""
+        if axis not in self._turns:
+            column = self.chain.index(axis)
+            turned = [m.time - m.since_reversal[:, column] for m in self.on_grid]
+            self._turns[axis] = tuple(t[1:][np.diff(t) > 0.5 * GRID] + self._shift(k) for k, t in enumerate(turned))
+        return self._turns[axis]
+
+    def strokes(self, axis: str) -> Iterator[CurveTerm]:
+        """Where an axis stands from one reversal to the next, each time anew: a seat that a reversal changes, but not
+        each reversal alike. Such a thing does not repeat with the path.
+        """
+        turns = self.turns(axis)
+        first = np.cumsum([0, *(len(t) + 1 for t in turns)])
+        if not self._is_seen(axis) or first[-1] == len(turns):
+            return
+        weights = [self._along(k, axis) * unit_of(axis) for k in range(len(turns))]
+        times = [m.time + self._shift(k) for k, m in enumerate(self.on_grid)]
+        numbers = [n + np.searchsorted(t, time, side="right") for n, t, time in zip(first, turns, times, strict=False)]
+        ends = [[time[0], *np.repeat(t, 2), time[-1]] for t, time in zip(turns, times, strict=True)]
+        clock = [test.started + np.reshape(e, (-1, 2)) for test, e in zip(self.problem.tests, ends, strict=True)]
+        knots = np.arange(first[-1])
+        columns = StrokeColumns(numbers, weights, knots, None, self.averages, np.vstack(clock), first[1:-1])
+        yield CurveTerm(axis, axis, STROKE, knots, None, columns)
 
     def _is_seen(self, moves: str) -> bool:
         """Whether a reading changes when ``moves`` is displaced."""
@@ -382,9 +407,8 @@ class Columns(Sequence[np.ndarray], ABC):
     def together(self) -> csr_array | np.ndarray:
         """The columns of all tests, one test below the other."""
 
-    @staticmethod
     @abstractmethod
-    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def over_the_mean(self, root: np.ndarray, x: np.ndarray) -> np.ndarray:
         """What makes of coefficients how far the term displaces at each knot over the mean of that, (knots, n).
 
         Args:
@@ -413,8 +437,7 @@ class HatColumns(Columns):
     def __len__(self) -> int:
         return len(self.values)
 
-    @staticmethod
-    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def over_the_mean(self, root: np.ndarray, x: np.ndarray) -> np.ndarray:
         return root - root.mean(axis=0)
 
     def of_test(self, k: int) -> csr_array:  # a block lies between two knots
@@ -424,6 +447,24 @@ class HatColumns(Columns):
     def together(self) -> csr_array:
         rows = hats(np.concatenate(self.values), self.knots, self.period, np.concatenate(self.weights))
         return rows if self.averages is None else csr_array(self.averages.together @ rows)
+
+
+@dataclass(frozen=True)
+class StrokeColumns(HatColumns):
+    """Columns of what stays from one reversal of an axis to the next. The values are the numbers of the strokes over
+    all tests, so that each stroke has the hat of one knot.
+
+    Attributes:
+        clock: when each stroke begins and ends on the campaign's clock, (strokes, 2) s.
+        first: the first stroke of every test but the first one.
+    """
+
+    clock: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    first: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    def over_the_mean(self, root: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Over the mean of each test: where the balls stand is another thing in each."""
+        return np.vstack([own - own.mean(axis=0) for own in np.split(root, self.first)])
 
 
 @dataclass(frozen=True)
@@ -441,8 +482,7 @@ class WaveColumns(Columns):
     def __len__(self) -> int:
         return len(self.cosine)
 
-    @staticmethod
-    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def over_the_mean(self, root: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Of the wave's amplitude: ``root`` makes both factors, (2 knots, n), and ``x`` says the phase."""
         cosine, sine = (factor - factor.mean(axis=0) for factor in np.split(root, 2))
         phase = np.arctan2(sine @ x, cosine @ x)[:, None]
@@ -472,8 +512,7 @@ class SwingColumns(Columns):
     def __len__(self) -> int:
         return len(self.of_tests)
 
-    @staticmethod
-    def over_the_mean(root: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def over_the_mean(self, root: np.ndarray, x: np.ndarray) -> np.ndarray:
         return root  # nothing takes up a mean of that
 
     def of_test(self, k: int) -> np.ndarray:

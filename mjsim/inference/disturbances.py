@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import binary_dilation, median_filter
 
+from mjsim.inference.hypotheses import CAUSE
 from mjsim.inference.nuisance import AFTER_KNOCK
 from mjsim.inference.nuisance_fit import fit_nuisance
 from mjsim.inference.problem import Problem
@@ -56,7 +57,12 @@ def without_disturbances(
     for _ in range(settings.most_events):
         found = {k: largest_jump(s, rest[k], noise[k], settings) for k, s in enumerate(samples)}
         jumps = {k: at for k, at in found.items() if at is not None}
-        accidents = [k for k, at in jumps.items() if not witnesses.confirm(k, _around(samples[k], at, settings))]
+        of_machine = _at_reversals_of_one_axis(samples, [*jumps.items()], settings)
+        accidents = [
+            k
+            for k, at in jumps.items()
+            if (k, at) not in of_machine and not witnesses.confirm(k, _around(samples[k], at, settings))
+        ]
         for k in accidents:
             if leave_out_shorter_side(samples[k], jumps[k], rest[k], settings):  # the ball sits anew in what is kept
                 tests[k] = replace(tests[k], setup=f"{tests[k].name} {AFTER_KNOCK}")
@@ -153,7 +159,8 @@ class _Witnesses:
 
 
 def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses: _Witnesses) -> dict[str, int]:
-    """Count stretches again that were marked as disturbances and that other tests confirm.
+    """Count stretches again that were marked as disturbances and that other tests confirm, or that the reversals of
+    one axis do.
 
     Args:
         before: The tests as they were.
@@ -163,15 +170,46 @@ def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses
     Returns:
         Number of stretches taken back, by test.
     """
-    out: dict[str, int] = {}
+    marked: dict[tuple[int, int], np.ndarray] = {}
     for k, s in enumerate(samples):
         groups, count = stretches(before.samples[k].valid & ~s.valid)
-        back = [g for g in range(1, count + 1) if witnesses.confirm(k, groups == g)]
-        if back:
-            s.valid |= np.isin(groups, back)
+        stretches_of_test = (np.flatnonzero(groups == g) for g in range(1, count + 1))
+        marked |= {(k, int(at[len(at) // 2])): at for at in stretches_of_test}
+    of_machine = _at_reversals_of_one_axis(samples, [*marked], before.settings.outliers)
+    out: dict[str, int] = {}
+    for (k, middle), at in marked.items():
+        s = samples[k]
+        if (k, middle) in of_machine or witnesses.confirm(k, np.isin(np.arange(len(s.valid)), at)):
+            s.valid[at] = True
             s.refresh()
-            out[s.test.name] = len(back)
+            out[s.test.name] = out.get(s.test.name, 0) + 1
     return out
+
+
+def _at_reversals_of_one_axis(
+    samples: Sequence[Samples], events: Sequence[tuple[int, int]], settings: OutlierSettings
+) -> set[tuple[int, int]]:
+    """Those of several events that are the machine's, because an axis turns back there: an accident does not wait for
+    that.
+
+    Two explanations are compared for each axis. The events near its reversals are accidents, which may happen at any
+    instant. Or something on the axis stands elsewhere after a reversal, as likely as any cause that a machine may have.
+
+    Args:
+        samples: Of all tests.
+        events: Number of the test and of the sample.
+        settings: How long a reversal lasts.
+    """
+    axes = range(len(samples[0].test.chain.letters))
+    odds, own = np.full(len(axes), CAUSE - np.log(len(axes))), [set[tuple[int, int]]() for _ in axes]
+    for k, at in events:
+        for i in axes:
+            near = _near_reversals(samples[k], settings.abrupt, i)
+            if near[at]:
+                odds[i] -= np.log(near.mean())
+                own[i].add((k, at))
+    best = int(np.argmax(odds))
+    return own[best] if odds[best] > 0.0 else set()
 
 
 def _around(s: Samples, at: int, settings: OutlierSettings) -> np.ndarray:
@@ -268,10 +306,17 @@ def _followed(x: np.ndarray, window: float, dt: float) -> np.ndarray:
     return np.interp(np.arange(len(x)), np.arange(0, len(x), every), coarse)
 
 
-def _near_reversals(s: Samples, abrupt: float) -> np.ndarray:
-    """Samples within ``abrupt`` s of a turning point of some axis, where the machine itself is abrupt, (n,) bool."""
-    program = Program(s.test)
-    commands = program.commands(s.time)
+def _near_reversals(s: Samples, abrupt: float, axis: int | None = None) -> np.ndarray:
+    """Samples within ``abrupt`` s of a turning point of some axis, or of one, where the machine itself is abrupt, (n,)
+    bool.
+
+    Args:
+        s: The samples.
+        abrupt: How long a reversal lasts, s.
+        axis: Number of the one axis.
+    """
+    commands = Program(s.test).commands(s.time)
+    commands = commands if axis is None else commands[:, [axis]]
     step = np.sign(np.round(np.diff(commands, axis=0, prepend=commands[:1]), 12))
     turns = np.flatnonzero((step[1:] * step[:-1] < 0.0).any(axis=1))
     near = np.zeros(len(s.time), bool)

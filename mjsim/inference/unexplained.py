@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.inference.curve_fit import bends, changes, orders
-from mjsim.inference.curve_terms import RADIAL, TABLE, CurveTerm
+from mjsim.inference.curve_terms import RADIAL, STROKE, TABLE, CurveTerm, StrokeColumns
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
 from mjsim.inference.shares import unabsorbed
@@ -59,13 +59,13 @@ class Unexplained:
         """As in the JSON of ``mjsim diagnose``."""
         return {
             "axes": list(self.axes),
-            "variable": self.variable,
+            "variable": _IN_JSON.get(self.variable, self.variable),
             "period": self.period,
             "rms_um": round(self.rms / UM, 4),
             "left_um": round(self.left / UM, 4),
             "probability": round(self.probability, 4),
             "alternatives": [
-                {"axes": list(axes), "variable": variable, "probability": round(p, 4)}
+                {"axes": list(axes), "variable": _IN_JSON.get(variable, variable), "probability": round(p, 4)}
                 for axes, variable, p in self.alternatives
             ],
             "tests": list(self.tests),
@@ -120,7 +120,7 @@ class FurtherCurve:
         return {
             "axis": self.axis,
             "moves": self.moves,
-            "variable": self.variable,
+            "variable": _IN_JSON.get(self.variable, self.variable),
             **mode,
             f"largest_{unit}": float(f"{self.largest * factor:.3g}"),
             f"limit_{unit}": float(f"{self.limit * factor:.3g}"),
@@ -137,7 +137,10 @@ _WORDS = {
     "acceleration": "acceleration",
     "torque": "motor's torque",
     "time_since_reversal": "time since its last reversal",
+    STROKE: "stroke",
 }
+#: What the JSON of ``mjsim diagnose`` calls a variable that it has no name for: what a stroke is, a reversal says.
+_IN_JSON = {STROKE: "direction"}
 #: Unit of the knots of times since a reversal.
 _LOG_SECONDS = "log₁₀ s"
 #: Most steps, bends or waves of a curve that are told (assumed).
@@ -228,6 +231,8 @@ def _moved(moves: str) -> str:
 
 def acts_on(axis: str, moves: str, variable: str) -> str:
     """What a term acts on, and on what it depends; arguments as of :class:`FurtherCurve`."""
+    if variable == STROKE:
+        return f"acts on the {axis} axis and changes when that turns back, each time by another amount"
     if axis == moves:
         return f"acts on the {axis} axis and depends on its {_WORDS[variable]}"
     on = f"depends on the {axis} axis' {_WORDS[variable]}" if axis else "follows the campaign's clock"
@@ -262,6 +267,8 @@ def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str
         label: Of the knots' axis, with the unit in brackets.
         unit: Of the curve.
     """
+    if term.variable == STROKE:
+        return ""
     curve, x_unit = term.coefficients * term.unit * factor, label.rsplit("[", 1)[-1].rstrip("]")
     step, closed = knots[1] - knots[0], term.period is not None
 
@@ -313,6 +320,7 @@ def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray,
         "torque": (1.0, "N·m"),
         "time_since_reversal": (1.0, _LOG_SECONDS),
         "clock_time": (1.0, "s"),
+        STROKE: (1.0, "number, from one reversal to the next"),
     }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
     label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"
     if term.moves == RADIAL:
@@ -333,6 +341,7 @@ _ARGUMENT = {
     "torque": "motion.torque[:, AXIS]",
     "time_since_reversal": "np.log10(np.maximum(motion.since_reversal[:, AXIS], 0.02))",
     "clock_time": "motion.clock",
+    STROKE: "motion.clock",
 }
 _UNIT = {
     "velocity": ("m/s", "rad/s"),
@@ -340,6 +349,7 @@ _UNIT = {
     "torque": ("N·m", "N·m"),
     "time_since_reversal": ("log10 of s", "log10 of s"),
     "clock_time": ("s", "s"),
+    STROKE: ("s of the campaign's clock", "s of the campaign's clock"),
 }
 
 #: Variables over which a curve with a straight end goes on beyond what was measured.
@@ -466,6 +476,8 @@ def _continued(term: CurveTerm, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     stays at its last value elsewhere.
     """
     knots, last = term.knots, len(term.knots) - 1
+    if isinstance(term.columns, StrokeColumns):
+        return term.columns.clock.ravel(), np.repeat(values, 2)
     if term.shape != "bends" or term.period is not None or term.variable not in _GOES_ON:
         return knots, values
     places, least = bends(term.coefficients), _LONG_END * last

@@ -1,9 +1,9 @@
 """Causes that are in no catalogue: a curve of one variable of one axis' motion, with a Gaussian process as its prior.
 
 A cause that nobody listed still depends on something: a position, a velocity, the time since a reversal. Each such
-variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of five:
-smooth, rough, a walk of steps, a stretch of worn teeth, or the lobes of a table that is not round. Its coefficients are
-marginalised, so a curve of many numbers pays for its freedom by itself.
+variable of each axis is a hypothesis whose curve is a Gaussian process over the variable. Its prior is one of six:
+smooth, rough, a walk of steps, a stretch of worn teeth, the lobes of a table that is not round, or another value for
+every stroke. Its coefficients are marginalised, so a curve of many numbers pays for its freedom by itself.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array, diags_array
 
-from mjsim.inference.curve_terms import RADIAL, STRUCTURE, CurveTerm, CurveTerms, radial_curves
+from mjsim.inference.curve_terms import RADIAL, STROKE, STRUCTURE, CurveTerm, CurveTerms, radial_curves
 from mjsim.inference.fit import Fit
 from mjsim.inference.linear_evidence import Columns, LinearEvidence, margin
 from mjsim.inference.problem import Problem
@@ -52,7 +52,7 @@ class Curve:
 
     Attributes:
         term: What it is a curve of.
-        prior: ``smooth``, ``rough``, ``steps``, ``teeth`` or ``lobes``.
+        prior: ``smooth``, ``rough``, ``steps``, ``teeth``, ``lobes`` or ``strokes``.
         root: From normal coefficients of variance one to values at the knots, (knots, k).
         rows: Readings by these values, whitened by the campaign's noise alone, (count, knots).
         log_odds: Logarithm of its prior odds.
@@ -129,7 +129,9 @@ class Curve:
 def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
     """The priors of a curve and their roots (knots, k), each of variance about one."""
     k = len(term.knots)
-    if term.period:
+    if term.variable == STROKE:
+        yield "strokes", np.eye(k)
+    elif term.period:
         n, apart = np.arange(k // 2 + 1), (np.arange(k)[:, None] - np.arange(k)) % k
         for name, (corner, exponent) in _CLOSED.items():
             spectrum = (1.0 + (n / corner) ** 2) ** -exponent
@@ -245,7 +247,8 @@ def best_curves(
         if place >= _MOST and not is_own:
             continue
         for term in (coarse, *(finer if is_own or place < _REFINED else [])):
-            contest.enter(term, [*priors_of(term), ("steps", steps_of(term))], odds[term.axis])
+            steps = [("steps", steps_of(term))] if term.variable != STROKE else []
+            contest.enter(term, [*priors_of(term), *steps], odds[term.axis])
             if term.moves == RADIAL:
                 lobes = [("lobes", lobes_of(term, n)) for n in _LOBES]
                 contest.enter(term, lobes, odds[term.axis] - math.log(len(lobes)))

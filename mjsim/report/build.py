@@ -79,6 +79,7 @@ _VARIABLES = {
     "torque": "its motor's torque",
     "time_since_reversal": "the time since its last reversal",
     "clock_time": "the time of day",
+    "stroke": "how it has turned back: by another amount each time",
 }
 
 
