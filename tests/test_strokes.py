@@ -50,8 +50,25 @@ def struck(problem, seconds):
 
 def test_jumps_at_the_reversals_of_one_axis_are_no_accidents(loose_key):
     problem, machine = loose_key
-    readings = problem.readings(build(machine))
-    assert without_disturbances(problem, readings) is problem
+    found = without_disturbances(problem, problem.readings(build(machine)))
+    assert not any(found.outliers.values())
+
+
+def slow(problem):
+    """The noise at the lowest frequencies, m."""
+    noise = problem.noise_of(0)
+    return noise.innovation / (1.0 - noise.ar.sum())
+
+
+def test_a_seat_that_changes_is_no_noise(loose_key):
+    """The noise is the same from tests that show it as from those that do not."""
+    problem, machine = loose_key
+    showing = problem.only(range(4))
+    loud = showing.with_noise_of_samples()
+    quiet = without_disturbances(showing, showing.readings(build(machine)))
+    true = slow(problem)
+    assert slow(loud) > 5.0 * true
+    assert slow(quiet) == pytest.approx(true, rel=0.3)
 
 
 def test_jumps_at_any_other_instant_are_accidents(tmp_path):

@@ -57,7 +57,10 @@ def without_disturbances(
     for _ in range(settings.most_events):
         found = {k: largest_jump(s, rest[k], noise[k], settings) for k, s in enumerate(samples)}
         jumps = {k: at for k, at in found.items() if at is not None}
-        of_machine = _at_reversals_of_one_axis(samples, [*jumps.items()], settings)
+        axis, of_machine = _at_reversals_of_one_axis(samples, [*jumps.items()], settings)
+        if axis is not None:
+            for s in samples:
+                s.turns = s.time[_turning_points(s, [axis])]
         accidents = [
             k
             for k, at in jumps.items()
@@ -69,7 +72,8 @@ def without_disturbances(
             events[tests[k].name] += 1
         if not accidents:
             break
-    if not any(events.values()):
+    is_news = any(len(s.turns) != len(b.turns) for s, b in zip(samples, problem.samples, strict=True))
+    if not is_news and not any(events.values()):
         return problem
     events = {name: count + problem.outliers.get(name, 0) for name, count in events.items()}
     return problem.with_samples(samples, tuple(tests), events).with_noise_of_samples()
@@ -175,7 +179,7 @@ def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses
         groups, count = stretches(before.samples[k].valid & ~s.valid)
         stretches_of_test = (np.flatnonzero(groups == g) for g in range(1, count + 1))
         marked |= {(k, int(at[len(at) // 2])): at for at in stretches_of_test}
-    of_machine = _at_reversals_of_one_axis(samples, [*marked], before.settings.outliers)
+    _, of_machine = _at_reversals_of_one_axis(samples, [*marked], before.settings.outliers)
     out: dict[str, int] = {}
     for (k, middle), at in marked.items():
         s = samples[k]
@@ -188,9 +192,9 @@ def _readmit_what_returns(before: Problem, samples: Sequence[Samples], witnesses
 
 def _at_reversals_of_one_axis(
     samples: Sequence[Samples], events: Sequence[tuple[int, int]], settings: OutlierSettings
-) -> set[tuple[int, int]]:
-    """Those of several events that are the machine's, because an axis turns back there: an accident does not wait for
-    that.
+) -> tuple[int | None, set[tuple[int, int]]]:
+    """Number of the axis at whose reversals several events are, ``None`` where these are accidents; and those that are
+    there, and the machine's: an accident does not wait for a reversal.
 
     Two explanations are compared for each axis. The events near its reversals are accidents, which may happen at any
     instant. Or something on the axis stands elsewhere after a reversal, as likely as any cause that a machine may have.
@@ -209,7 +213,7 @@ def _at_reversals_of_one_axis(
                 odds[i] -= np.log(near.mean())
                 own[i].add((k, at))
     best = int(np.argmax(odds))
-    return own[best] if odds[best] > 0.0 else set()
+    return (best, own[best]) if odds[best] > 0.0 else (None, set())
 
 
 def _around(s: Samples, at: int, settings: OutlierSettings) -> np.ndarray:
@@ -315,14 +319,17 @@ def _near_reversals(s: Samples, abrupt: float, axis: int | None = None) -> np.nd
         abrupt: How long a reversal lasts, s.
         axis: Number of the one axis.
     """
-    commands = Program(s.test).commands(s.time)
-    commands = commands if axis is None else commands[:, [axis]]
-    step = np.sign(np.round(np.diff(commands, axis=0, prepend=commands[:1]), 12))
-    turns = np.flatnonzero((step[1:] * step[:-1] < 0.0).any(axis=1))
     near = np.zeros(len(s.time), bool)
-    for at in turns:
+    for at in _turning_points(s, slice(None) if axis is None else [axis]):
         near |= np.abs(s.time - s.time[at]) < abrupt
     return near
+
+
+def _turning_points(s: Samples, axes: slice | Sequence[int]) -> np.ndarray:
+    """Numbers of the samples at which one of some axes turns back, (turns,)."""
+    commands = Program(s.test).commands(s.time)[:, axes]
+    step = np.sign(np.round(np.diff(commands, axis=0, prepend=commands[:1]), 12))
+    return np.flatnonzero((step[1:] * step[:-1] < 0.0).any(axis=1))
 
 
 # -- jumps -------------------------------------------------------------------------------------------------------------

@@ -24,6 +24,8 @@ _FEWEST = 50
 _LOUD = 1.3
 #: Curves that count as drift between two revolutions, those of ``basis``: eccentricity and its growth.
 _DRIFT = 6
+#: How long a reversal may take, s, and curves of a step there: of what is displaced in any direction (assumed).
+_REVERSAL, _STEP = 0.5, 3
 #: Most of the variance that may have been taken out with them (assumed), and rounds in which that is found.
 _MOST_LOST, _ROUNDS = 0.2, 4
 
@@ -100,9 +102,9 @@ def half_differences(s: Samples) -> tuple[np.ma.MaskedArray, np.ma.MaskedArray]:
     out.
 
     It has the noise's RMS over √2 and no repeatable signal. Slow drift between revolutions (eccentricity and its
-    growth) is taken out.
+    growth) is taken out, and what changes when an axis turns back that stands elsewhere in each stroke.
     """
-    turn = revolution_time(s.test)
+    turn, steps = revolution_time(s.test), _steps(s)
     out = []
     for time, value, valid in ((s.time, s.value - s.left_out, s.valid), (s.centre, s.mean, s.good)):
         later = _delayed(np.where(valid, value, np.median(value[valid])), turn / float(np.median(np.diff(time))))
@@ -112,11 +114,21 @@ def half_differences(s: Samples) -> tuple[np.ma.MaskedArray, np.ma.MaskedArray]:
         lag = int(turn / float(np.median(np.diff(time))))
         ok = valid[:n] & ~bad[lag : lag + n]
         phi = 2 * np.pi * (time[:n] - time[0]) / turn
-        basis = np.column_stack([np.ones(n), np.cos(phi), np.sin(phi), phi, phi * np.cos(phi), phi * np.sin(phi)])
+        once = np.column_stack([np.ones(n), np.cos(phi), np.sin(phi)])
+        basis = np.hstack([once, phi[:, None] * once, *((time[:n, None] > at) * once for at in steps)])
+        ok &= (np.abs(np.subtract.outer(time[:n], steps)) > _REVERSAL).all(axis=1)
         if ok.sum() > _FEWEST:
             h = h - basis @ np.linalg.lstsq(basis[ok], h[ok], rcond=None)[0]
         out.append(np.ma.array(h, mask=~ok))
     return out[0], out[1]
+
+
+def _steps(s: Samples) -> np.ndarray:
+    """When the difference of two revolutions steps because an axis turns back in one of them, s."""
+    turn = revolution_time(s.test)
+    at = np.sort(np.concatenate([s.turns, s.turns - turn]))
+    at = at[(at > s.time[0]) & (at < s.time[-1] - turn)]
+    return at[np.diff(at, prepend=-np.inf) > _REVERSAL]
 
 
 def usual_noise(
@@ -164,23 +176,25 @@ def estimate_noise(
         usual_one: What it is without any; by default that of an ordinary ball bar.
         order: Of the autoregressive model.
     """
-    repeated = [half_differences(s) for s in samples if kind_of(s.test).repeats(s.test)]
-    repeated = [(fine, coarse) for fine, coarse in repeated if coarse.count() > _FEWEST]
+    around = [s for s in samples if kind_of(s.test).repeats(s.test)]
+    repeated = [(*half_differences(s), _DRIFT + _STEP * len(_steps(s))) for s in around]
+    repeated = [(fine, coarse, curves) for fine, coarse, curves in repeated if coarse.count() > _FEWEST]
     if not repeated:
         return usual_one or usual_noise(samples[0].block, resolution)
-    levels = np.array([coarse.var() for _, coarse in repeated])
+    levels = np.array([coarse.var() for _, coarse, _ in repeated])
     usual = _LOUD * np.percentile(levels, 50, method="lower")  # of two tests the quieter: the other may have a knock
-    repeated = [both for both, level in zip(repeated, levels, strict=True) if level <= usual]
-    covariance = 2.0 * _autocovariance([coarse for _, coarse in repeated], order)
+    repeated = [test for test, level in zip(repeated, levels, strict=True) if level <= usual]
+    covariance = 2.0 * _autocovariance([coarse for _, coarse, _ in repeated], order)
     covariance[0] += (0.05 * resolution) ** 2
     # what was taken out as drift was noise as well: so much of the power at the lowest frequencies
-    share = _DRIFT * len(repeated) / sum(coarse.count() for _, coarse in repeated)
+    share = sum(curves for _, _, curves in repeated) / sum(coarse.count() for _, coarse, _ in repeated)
     lost = 0.0
     for _ in range(_ROUNDS):
         ar, innovation = autoregression(covariance + lost)
         lost = min(share * (innovation / (1.0 - ar.sum())) ** 2, _MOST_LOST * covariance[0])
     ar, innovation = autoregression(covariance + lost)
-    squares = sum((fine.compressed() ** 2).sum() for fine, _ in repeated) / sum(fine.count() for fine, _ in repeated)
+    squares = sum((fine.compressed() ** 2).sum() for fine, _, _ in repeated)
+    squares /= sum(fine.count() for fine, _, _ in repeated)
     count = len(repeated)
     return Noise(
         float(np.sqrt(2.0 * squares + lost)),

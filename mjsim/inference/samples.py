@@ -28,8 +28,8 @@ class Samples:
     Attributes:
         test: the test. block: length of a block, s. time: (n,) s, all samples. value: (n,) m. valid: (n,) bool.
         edges: (m + 1,) first sample of each block. centre: (m,) s. mean: (m,) m. good: (m,) bool. left_out: (n,) m,
-            what
-        ``mean`` leaves out of ``value``. given: (n,) bool, ``valid`` as recorded.
+            what ``mean`` leaves out of ``value``. given: (n,) bool, ``valid`` as recorded. turns: (k,) s, when an axis
+            turns back that then stands elsewhere, each time by another amount.
     """
 
     test: BallBarTest
@@ -39,6 +39,7 @@ class Samples:
     block: float = BLOCKS[1]
     edges: np.ndarray = field(init=False)
     left_out: np.ndarray = field(init=False)
+    turns: np.ndarray = field(init=False)
     given: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -46,6 +47,7 @@ class Samples:
         # shift and length of the grid that was sampled last, and its weights
         self._known: tuple[tuple[float, int], tuple[np.ndarray, np.ndarray]] | None = None
         self.left_out = np.zeros(len(self.time))
+        self.turns = np.zeros(0)
         self.given = self.valid.copy()
         dt = float(np.median(np.diff(self.time)))
         if dt < self.block:
