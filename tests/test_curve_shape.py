@@ -160,7 +160,7 @@ def test_changes_and_orders_are_told():
 def test_the_shape_is_told_in_a_sentence(shape, curve, period, told):
     knots = KNOT * 360.0 / K
     term = CurveTerm("C", "C", "position", knots * DEG, period, [], coefficients=curve, shape=shape)
-    assert shape_in_words(term, knots, 1.0 / DEG, "C axis: position [°]", "°") == told
+    assert shape_in_words(term, knots, 1.0 / DEG, "°", "°") == told
 
 
 @pytest.mark.parametrize("width", [0.6, 3.0])

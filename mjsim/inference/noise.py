@@ -15,6 +15,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.sparse import csr_array
 
 from mjsim.inference.samples import BLOCKS, Samples, revolution_time
+from mjsim.inference.settings import OUTLIERS
 from mjsim.instruments.ball_bar.kinds import kind_of
 from mjsim.instruments.ball_bar.measurement import USUAL_NOISE
 
@@ -24,8 +25,8 @@ _FEWEST = 50
 _LOUD = 1.3
 #: Curves that count as drift between two revolutions, those of ``basis``: eccentricity and its growth.
 _DRIFT = 6
-#: How long a reversal may take, s, and curves of a step there: of what is displaced in any direction (assumed).
-_REVERSAL, _STEP = 0.5, 3
+#: Curves of a step where an axis turns back: of what is displaced in any direction.
+_STEP = 3
 #: Most of the variance that may have been taken out with them (assumed), and rounds in which that is found.
 _MOST_LOST, _ROUNDS = 0.2, 4
 
@@ -116,7 +117,7 @@ def half_differences(s: Samples) -> tuple[np.ma.MaskedArray, np.ma.MaskedArray]:
         phi = 2 * np.pi * (time[:n] - time[0]) / turn
         once = np.column_stack([np.ones(n), np.cos(phi), np.sin(phi)])
         basis = np.hstack([once, phi[:, None] * once, *((time[:n, None] > at) * once for at in steps)])
-        ok &= (np.abs(np.subtract.outer(time[:n], steps)) > _REVERSAL).all(axis=1)
+        ok &= (np.abs(np.subtract.outer(time[:n], steps)) > OUTLIERS.abrupt).all(axis=1)
         if ok.sum() > _FEWEST:
             h = h - basis @ np.linalg.lstsq(basis[ok], h[ok], rcond=None)[0]
         out.append(np.ma.array(h, mask=~ok))
@@ -128,7 +129,7 @@ def _steps(s: Samples) -> np.ndarray:
     turn = revolution_time(s.test)
     at = np.sort(np.concatenate([s.turns, s.turns - turn]))
     at = at[(at > s.time[0]) & (at < s.time[-1] - turn)]
-    return at[np.diff(at, prepend=-np.inf) > _REVERSAL]
+    return at[np.diff(at, prepend=-np.inf) > OUTLIERS.abrupt]
 
 
 def usual_noise(

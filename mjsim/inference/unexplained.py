@@ -185,20 +185,22 @@ def describe(
         float(np.degrees(problem.motions[k].program.phi(_worst_time(problem, fit, k, parts[k])))[0]) for k in order
     )
     shows = tuple(problem.tests[k].name for k in order)
-    x, x_label, period = _file_units(term, fit, problem.settings.harmonic_share)
+    x, name, x_unit, period = _file_units(term, fit, problem.settings.harmonic_share)
     factor, y_unit = (1.0 / DEG, "°") if is_rotary(term.moves) else (1.0 / UM, "µm")
     shown, spread_of = _seen(term, problem.settings.hidden_shape)
     size = shown * term.unit
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
     reached = power > 1e-4 * power.max()
     curve = x, np.where(reached, size * factor, np.nan), spread_of * term.unit * factor  # nan: no test goes there
-    repeats = f", repeating every {period:.4g} {x_label.rsplit('[', 1)[-1].rstrip(']')}" if period else ""
+    if term.variable == STROKE:  # drawn from one reversal to the next
+        curve = np.column_stack([x, x + 1.0]).ravel(), *(np.repeat(values, 2) for values in curve[1:])
+    repeats = f", repeating every {period:.4g} {x_unit}" if period else ""
     most = f", most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
     or_else = " or ".join(f"{_acts(t)} ({100 * p:.0f} %)" for t, p in others)
     summary = (
         f"Something that is not in the catalogue {_acts(term)}{repeats}: {rms / UM:.2f} µm RMS in the readings{most}; "
         f"{left / UM:.2f} µm stay after an empirical curve of that form."
-        + shape_in_words(term, x, factor, x_label, y_unit)
+        + shape_in_words(term, x, factor, x_unit, y_unit)
         + (f" That is {100 * probability:.0f} % sure; these tests leave open that it {or_else}." if or_else else "")
     )
     axes = term.axes or (term.moves,)
@@ -206,7 +208,7 @@ def describe(
     # numbers of the model, such as a location error, go with the level of a curve that was fitted with them
     fitted = bridged(term, term.coefficients * term.unit, reached)
     source = effect_source(problem.chain, term, fitted, summary, f"{_stem(axes)}.py")
-    labels = (x_label, f"displacement of {_moved(term.moves)} [{y_unit}]")
+    labels = (f"{name}, {x_unit}", f"displacement of {_moved(term.moves)}, {y_unit}")
     return Unexplained(
         axes,
         term.variable,
@@ -257,19 +259,19 @@ def bridged(term: CurveTerm, values: np.ndarray, reached: np.ndarray) -> np.ndar
     return np.interp(term.knots, term.knots[reached], values[reached], period=term.period)
 
 
-def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, label: str, unit: str) -> str:
+def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, x_unit: str, unit: str) -> str:
     """A sentence about a curve that is simple enough for one.
 
     Args:
         term: With its coefficients.
         knots: Its knots in the units that users read.
         factor: From m or rad to ``unit``.
-        label: Of the knots' axis, with the unit in brackets.
+        x_unit: Of the knots.
         unit: Of the curve.
     """
     if term.variable == STROKE:
         return ""
-    curve, x_unit = term.coefficients * term.unit * factor, label.rsplit("[", 1)[-1].rstrip("]")
+    curve = term.coefficients * term.unit * factor
     step, closed = knots[1] - knots[0], term.period is not None
 
     def at(place: float) -> str:
@@ -309,9 +311,9 @@ def _worst_time(problem: Problem, fit: Fit, k: int, part: np.ndarray) -> np.ndar
     return s.centre[[int(np.argmax(np.abs(part - part.mean())))]] - problem.shift(k, fit.nuisance)
 
 
-def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray, str, float | None]:
-    """Knots in the units that users read, the label of that axis of the plot, and the period in the same unit: that
-    of the harmonic with more than the share ``harmonic`` of the curve's power, where there is one.
+def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray, str, str, float | None]:
+    """Knots in the units that users read, what they are, their unit, and the period in it: that of the harmonic with
+    more than the share ``harmonic`` of the curve's power, where there is one.
     """
     rotary = is_rotary(term.axis)
     scale, unit = {
@@ -320,17 +322,17 @@ def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray,
         "torque": (1.0, "N·m"),
         "time_since_reversal": (1.0, _LOG_SECONDS),
         "clock_time": (1.0, "s"),
-        STROKE: (1.0, "number, from one reversal to the next"),
+        STROKE: (1.0, "number"),
     }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
-    label = f"{term.axis} axis: {_WORDS[term.variable]} [{unit}]" if term.axis else f"campaign clock [{unit}]"
+    name = f"{term.axis} axis: {_WORDS[term.variable]}" if term.axis else "campaign clock"
     if term.moves == RADIAL:
-        label = f"ball's angle about the {term.axis} axis [{unit}]"
+        name = f"ball's angle about the {term.axis} axis"
     period = None if term.period is None else term.period * scale
     if period and term.variable in ("position", "direction"):
         power = np.abs(np.fft.rfft(term.coefficients)[1 : len(term.knots) // 3]) ** 2
         if len(power) and power.max() > harmonic * power.sum():
             period /= int(np.argmax(power)) + 1
-    return term.knots * scale, label, period
+    return term.knots * scale, name, unit, period
 
 
 _ARGUMENT = {
