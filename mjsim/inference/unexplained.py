@@ -193,7 +193,7 @@ def describe(
     reached = power > 1e-4 * power.max()
     curve = x, np.where(reached, size * factor, np.nan), spread_of * term.unit * factor  # nan: no test goes there
     if term.variable == STROKE:  # drawn from one reversal to the next
-        curve = np.column_stack([x, x + 1.0]).ravel(), *(np.repeat(values, 2) for values in curve[1:])
+        curve = np.column_stack([x, x + 1.0]).ravel(), np.repeat(curve[1], 2), np.repeat(curve[2], 2)
     repeats = f", repeating every {period:.4g} {x_unit}" if period else ""
     most = f", most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
     or_else = " or ".join(f"{_acts(t)} ({100 * p:.0f} %)" for t, p in others)
