@@ -60,7 +60,7 @@ def without_disturbances(
         axis, of_machine = _at_reversals_of_one_axis(samples, [*jumps.items()], settings)
         if axis is not None:
             for s in samples:
-                s.turns = s.time[_turning_points(s, [axis])]
+                s.turns = _turns(s)[axis]
         accidents = [
             k
             for k, at in jumps.items()
@@ -204,11 +204,11 @@ def _at_reversals_of_one_axis(
         events: Number of the test and of the sample.
         settings: How long a reversal lasts.
     """
-    axes = range(len(samples[0].test.chain.letters))
+    axes = samples[0].test.chain.letters
     odds, own = np.full(len(axes), CAUSE - np.log(len(axes))), [set[tuple[int, int]]() for _ in axes]
     for k, at in events:
-        for i in axes:
-            near = _near_reversals(samples[k], settings.abrupt, i)
+        for i, turns in enumerate(_turns(samples[k])):
+            near = _near(samples[k], turns, settings.abrupt)
             if near[at]:
                 odds[i] -= np.log(near.mean())
                 own[i].add((k, at))
@@ -243,7 +243,7 @@ def mark_outliers(s: Samples, residual: np.ndarray, noise: float, settings: Outl
     high = np.abs(rest) > (settings.height if repeats else settings.height_alone) * scale
     if not repeats:  # something short, where the axes are smooth
         quick = np.where(s.valid, residual - _followed(residual, settings.window_alone, dt), 0.0)
-        high |= (np.abs(quick) > settings.height * scale) & ~_near_reversals(s, settings.abrupt)
+        high |= (np.abs(quick) > settings.height * scale) & ~_near(s, np.concatenate(_turns(s)), settings.abrupt)
     if repeats:
         lag = round(revolution_time(s.test) / dt)
         wide = binary_dilation(np.abs(rest) > 0.4 * settings.height * scale, iterations=max(1, int(0.15 / dt)))
@@ -310,26 +310,19 @@ def _followed(x: np.ndarray, window: float, dt: float) -> np.ndarray:
     return np.interp(np.arange(len(x)), np.arange(0, len(x), every), coarse)
 
 
-def _near_reversals(s: Samples, abrupt: float, axis: int | None = None) -> np.ndarray:
-    """Samples within ``abrupt`` s of a turning point of some axis, or of one, where the machine itself is abrupt, (n,)
-    bool.
-
-    Args:
-        s: The samples.
-        abrupt: How long a reversal lasts, s.
-        axis: Number of the one axis.
-    """
+def _near(s: Samples, turns: np.ndarray, abrupt: float) -> np.ndarray:
+    """Samples within ``abrupt`` s of turning points, (turns,) s, where the machine itself is abrupt, (n,) bool."""
     near = np.zeros(len(s.time), bool)
-    for at in _turning_points(s, slice(None) if axis is None else [axis]):
-        near |= np.abs(s.time - s.time[at]) < abrupt
+    for at in turns:
+        near |= np.abs(s.time - at) < abrupt
     return near
 
 
-def _turning_points(s: Samples, axes: slice | Sequence[int]) -> np.ndarray:
-    """Numbers of the samples at which one of some axes turns back, (turns,)."""
-    commands = Program(s.test).commands(s.time)[:, axes]
+def _turns(s: Samples) -> list[np.ndarray]:
+    """When each axis is told to turn back, (turns,) s each."""
+    commands = Program(s.test).commands(s.time)
     step = np.sign(np.round(np.diff(commands, axis=0, prepend=commands[:1]), 12))
-    return np.flatnonzero((step[1:] * step[:-1] < 0.0).any(axis=1))
+    return [s.time[np.flatnonzero(back)] for back in (step[1:] * step[:-1] < 0.0).T]
 
 
 # -- jumps -------------------------------------------------------------------------------------------------------------
