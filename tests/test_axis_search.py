@@ -178,7 +178,15 @@ def test_the_descent_finds_a_curved_minimum():
         return x[0] * np.exp(-x[1] * t)
 
     measured = model(truth) + noise
-    wide = Priors(np.ones(2), np.full(2, np.inf), np.full(2, 0.01), np.full(2, 10.0), np.full(2, 1.0))
+    wide = Priors(
+        np.ones(2),
+        np.full(2, np.inf),
+        np.full(2, 0.01),
+        np.full(2, 10.0),
+        np.full(2, 1.0),
+        np.ones(2),
+        np.zeros((2, 2)),
+    )
 
     def columns(x, residual):
         return (np.column_stack([np.exp(-x[1] * t), -t * model(x)]),)

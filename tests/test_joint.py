@@ -21,7 +21,10 @@ from mjsim.commands.finding import DiagnosedEffect
 from mjsim.effects import registry
 from mjsim.errors import InputError
 from mjsim.inference.axis_logs.data import axis_data
-from mjsim.inference.axis_logs.shared import shared_entries
+from mjsim.inference.axis_logs.discrepancy import discrepancy_of
+from mjsim.inference.axis_logs.entries import AxisModel, KnownNumbers
+from mjsim.inference.axis_logs.fit import AxisFit
+from mjsim.inference.axis_logs.shared import known_numbers
 from mjsim.inference.axis_logs.start import start_model
 from mjsim.inference.data_sheet import data_sheet
 from mjsim.inference.effect_vector import EffectVector
@@ -108,13 +111,50 @@ def test_a_log_supports_what_is_there(mixed):
 
 def test_what_the_ball_bar_knows_are_priors(m2):
     model = explained_by(m2, "servo_gain.C", 0.06, ratio=1.03)
-    entries = {e.label: e for e in shared_entries(model, "C")}
+    entries = {e.label: e for e in known_numbers(model, "C").entries}
     gain = entries["servo_gain.C.ratio"]
     size = registry.kinds()["servo_gain"].parameters[0].scale
     assert gain.centre == 1.03 and gain.deviation == pytest.approx(0.06 * size / 1.03)
     inertia = entries["drive.inertia"]
     assert inertia.centre == m2.drives["C"].inertia and inertia.deviation == pytest.approx(0.03)
-    assert "servo_gain.C.ratio" not in {e.label for e in shared_entries(model, "X")}
+    assert "servo_gain.C.ratio" not in {e.label for e in known_numbers(model, "X").entries}
+
+
+def test_the_fit_is_that_of_the_rows_of_both(m2):
+    """Of two numbers the ball bar knows their difference, and the log one of them: together they know both. Inverse
+    covariance, estimate and odds are those of the stacked rows.
+    """
+    rng = np.random.default_rng(4)
+    names = ("inertia", "velocity_gain")
+    sheet = data_sheet(m2.chain)
+    at = [next(i for i, p in enumerate(sheet) if (p.axis, p.name) == ("C", name)) for name in names]
+    sd = np.array([sheet[i].sd for i in at])
+    bar = 1e4 * rng.normal(size=(50, 1)) @ [[1.0, -1.0]] + 10.0 * rng.normal(size=(50, 2))
+    log = 1e3 * np.column_stack([rng.normal(size=400), 0.05 * rng.normal(size=400)])
+    covariance = np.eye(len(sheet))
+    covariance[np.ix_(at, at)] = np.linalg.inv(np.diag(sd**-2.0) + bar.T @ bar) / np.outer(sd, sd)
+    known = known_numbers(CompetingModel("nothing", m2, Posterior((), covariance), 0.0), "C")
+    entries = tuple(e for e in known.entries if e.name in names)
+    model = AxisModel(m2, "C", entries, known)
+    order = [names.index(e.name) for e in entries]
+    rows, noise = log[:, order], 1e-6
+    truth = np.array([0.004, -0.002])
+    residual = rows @ truth * noise + noise * 0.5 * rng.normal(size=len(rows))
+
+    stacked = (np.diag(sd**-2.0) + bar.T @ bar)[np.ix_(order, order)]
+    fit = AxisFit(model, (residual,), (rows * noise,), (len(rows),), (1.0 / noise,), (noise,))
+    assert fit.precision == pytest.approx(stacked + rows.T @ rows, rel=1e-6)
+    alone = replace(fit, model=replace(model, known=KnownNumbers()))
+    second = order.index(1)
+    assert fit.covariance[second, second] < 0.1 * alone.covariance[second, second]
+
+    found = discrepancy_of(model, (residual,), (rows * noise,), (noise,), ())
+    assert found.step == pytest.approx(np.linalg.solve(stacked + rows.T @ rows, rows.T @ residual / noise), rel=1e-6)
+    # log evidence of the rows of the log where the ball bar has told its part, of a unit variance
+    spread = np.eye(len(rows)) + rows @ np.linalg.solve(stacked, rows.T)
+    y = residual / noise
+    expected = -0.5 * (y @ np.linalg.solve(spread, y) + np.linalg.slogdet(spread)[1])
+    assert found.evidence == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.slow
@@ -125,7 +165,7 @@ def test_a_bar_that_knows_no_better_leaves_the_data_sheet_its_bounds(mixed, m2):
     data = axis_data(read_campaign(mixed).of("axis_log"), "C", m2)
     alone = {e.label: e for e in start_model(m2, data).entries}
     known = explained_by(m2, "friction.C", 1e3, coulomb_Nm=m2.effect("friction.C").values["coulomb_Nm"])
-    entries = {e.label: e for e in start_model(m2, data, (), shared_entries(known, "C")).entries}
+    entries = {e.label: e for e in start_model(m2, data, (), known_numbers(known, "C")).entries}
     mine, theirs = entries["friction.C.coulomb_Nm"], alone["friction.C.coulomb_Nm"]
     assert mine.deviation > theirs.deviation
     assert (mine.lower, mine.upper) == pytest.approx((theirs.lower, theirs.upper))

@@ -195,7 +195,7 @@ def diagnose_jointly(
     given = diagnose_bars(bars, machine, max_effects, threads, progress, settings)
     judge = Judge(recorded, machine, threads)
     judged = judge.of(given, {})
-    logs = diagnose_logs(recorded, judged.machine, max_effects, threads, progress, judged.shared(judge.axes))
+    logs = diagnose_logs(recorded, judged.machine, max_effects, threads, progress, judged.known(judge.axes))
     bar = given
     if logs.effects:  # with what the logs have found, the ball bar is looked at again
         known = machine

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from mjsim.commands.finding import DiagnosedEffect
 from mjsim.errors import InputError
 from mjsim.inference.axis_logs.data import axis_data
 from mjsim.inference.axis_logs.encoders import BETWEEN, EncoderFitter, EncoderSearch, encoder_data
-from mjsim.inference.axis_logs.entries import CONTROLLER, Entry
+from mjsim.inference.axis_logs.entries import CONTROLLER, KnownNumbers
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.found import AxisSelection, FoundCause
 from mjsim.inference.axis_logs.gains import CONTRADICTED, unused
@@ -56,7 +56,7 @@ def diagnose_logs(
     max_effects: int | None = None,
     threads: int = 2,
     progress: Progress = silent,
-    shared: Mapping[str, Sequence[Entry]] | None = None,
+    known: Mapping[str, KnownNumbers] | None = None,
 ) -> LogDiagnosis:
     """Find what is missing from the model of the recorded axes, and the numbers of their drives.
 
@@ -68,7 +68,7 @@ def diagnose_logs(
         max_effects: At most so many causes on each axis; without it eight.
         threads: Simulations side by side.
         progress: Called as work gets on.
-        shared: By axis what another instrument knows, with its uncertainty as priors.
+        known: What another instrument knows, by axis.
 
     Raises:
         InputError: No log has a recording, or a controller is missing.
@@ -85,9 +85,7 @@ def diagnose_logs(
     between = run({a: EncoderSearch(machine, d, threads, progress) for a, d in loads.items()})
     # where the loop is closed on the load, what is between the encoders is inside it
     inside = merged(machine, [s.fit for a, s in between.items() if machine.drives[a].encoder != "motor"])
-    searches = {
-        axis: AxisSearch(inside, d, threads, progress, (shared or {}).get(axis, ())) for axis, d in data.items()
-    }
+    searches = {axis: AxisSearch(inside, d, threads, progress, (known or {}).get(axis)) for axis, d in data.items()}
     selections = run(searches)
     fitters = {a: s.fitter for a, s in searches.items()}
     return log_diagnosis(campaign, machine, fitters, selections, between)

@@ -11,10 +11,11 @@ from mjsim.commands.axis_log.diagnosis import LogDiagnosis
 from mjsim.commands.diagnosis import Diagnosis
 from mjsim.commands.finding import DiagnosedEffect
 from mjsim.inference.axis_logs.data import axis_data
+from mjsim.inference.axis_logs.entries import KnownNumbers
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.found import AxisSelection
 from mjsim.inference.axis_logs.gains import read_gains
-from mjsim.inference.axis_logs.shared import MOTOR_SIDE, Decision, decide, fitted_to_logs, shared_entries
+from mjsim.inference.axis_logs.shared import MOTOR_SIDE, Decision, decide, fitted_to_logs, known_numbers
 from mjsim.inference.posterior import CompetingModel
 from mjsim.instruments.axis_log.measurement import LogTest, recorded_axes
 from mjsim.machine.effect import Effect
@@ -39,10 +40,10 @@ class Judged:
     support: Mapping[str, float]
     axes: tuple[str, ...] = ()
 
-    def shared(self, axes: Sequence[str]) -> dict[str, tuple]:
-        """What the ball bar says about logged axes, as priors."""
+    def known(self, axes: Sequence[str]) -> dict[str, KnownNumbers]:
+        """What the ball bar knows of logged axes."""
         believed = self.machine.factor is None
-        return {a: shared_entries(self.model, a, believed) for a in axes} if self.model is not None else {}
+        return {a: known_numbers(self.model, a, believed) for a in axes} if self.model is not None else {}
 
 
 class Judge:

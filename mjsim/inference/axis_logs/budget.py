@@ -5,7 +5,8 @@ variance that the readings make of a number is ``gᵀ C Jᵀ W² J C g``. What w
 with the same weights, ``Σ s² |W² J C g|²``, is the row of the noise; the rest is what is not understood.
 
 A number of the data sheet has its own statement among its priors. There the sheet's row is what errors of the sheet
-make of the estimate, ``Σ (C g)ᵢ²/σᵢ²`` over its numbers.
+make of the estimate, ``Σ (C g)ᵢ²/σᵢ²`` over its numbers; of those that another instrument knows together, with the
+inverse of their covariance in the place of ``1/σᵢ²``.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ def log_budget(fit: AxisFit) -> tuple[Budget, ...]:
     Args:
         fit: The final model, with its derivatives.
     """
-    entries, covariance, out = fit.model.entries, fit.covariance, []
+    entries, priors, covariance, out = fit.model.entries, fit.model.priors, fit.covariance, []
     blocks: dict[str, list[int]] = {"set_up": [], "data_sheet": [], "other_errors": []}
     for i, e in enumerate(entries):
         nuisance = "machine_model" if e.owner == LOAD else "set_up"
@@ -72,7 +73,7 @@ def log_budget(fit: AxisFit) -> tuple[Budget, ...]:
             rows[row] = explained_by(covariance, moved, np.setdiff1d(at, n.own).astype(int))
         if n.is_sheet:  # what errors of the sheet make of it: its own number is one of them
             at = blocks["data_sheet"]
-            rows["data_sheet"] = float(np.sum((moved[at] / [entries[i].deviation for i in at]) ** 2))
+            rows["data_sheet"] = float(moved[at] @ priors.precision[np.ix_(at, at)] @ moved[at])
         sizes = {row: math.sqrt(max(v, 0.0)) for row, v in rows.items()}
         total = math.sqrt(max(float(n.gradient @ moved), 0.0))
         out.append(Budget(n.owner, n.name, n.unit, n.value, total, sizes, remedies=REMEDIES))

@@ -138,7 +138,7 @@ class Candidate:
         specs = {p.name: p.default for p in effect.parameters_of(effect.subject)}
         plain = effect.replaced(**{e.name: specs[e.name] for e in self.entries})
         kept = tuple(e for e in model.entries if e.label not in names)
-        return AxisModel(model.machine.with_effect(plain), model.axis, kept)
+        return replace(model, machine=model.machine.with_effect(plain), entries=kept)
 
 
 class Catalogue:

@@ -31,6 +31,8 @@ class Priors:
         low: Least values.
         high: Largest values.
         largest: Longest steps.
+        centre: Means of what is known of several entries together.
+        coupling: What that adds to the precision of the deviations, (p, p).
     """
 
     mean: np.ndarray
@@ -38,6 +40,22 @@ class Priors:
     low: np.ndarray
     high: np.ndarray
     largest: np.ndarray
+    centre: np.ndarray
+    coupling: np.ndarray
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Inverse covariance, (p, p)."""
+        return np.diag(self.deviation**-2.0) + self.coupling
+
+    def squares(self, vector: np.ndarray) -> float:
+        """Sum of the squared departures of a vector, in standard deviations."""
+        departure, off = (vector - self.mean) / self.deviation, vector - self.centre
+        return float(departure @ departure + off @ self.coupling @ off)
+
+    def pull(self, vector: np.ndarray) -> np.ndarray:
+        """Half the fall of :meth:`squares` per unit, (p,)."""
+        return (self.mean - vector) / self.deviation**2 + self.coupling @ (self.centre - vector)
 
     def inside(self, vector: np.ndarray) -> np.ndarray:
         """A vector within its bounds."""
@@ -96,8 +114,7 @@ def descend(
     n = np.array(count)
 
     def objective(x: np.ndarray, rest: Residuals) -> float:
-        departure = (x - priors.mean) / priors.deviation
-        return float(n @ mean_logs(rest, noise) + departure @ departure)
+        return float(n @ mean_logs(rest, noise)) + priors.squares(x)
 
     vector, residual, design = begin.vector, begin.residual, begin.design
     now, damping, well = objective(vector, residual), 1e-3, True
@@ -106,8 +123,7 @@ def descend(
         if kept >= _KEPT and renew:
             design, kept = columns_of(vector, residual), 0
         weight = np.sqrt(n / np.exp(mean_logs(residual, noise)) / [len(r) for r in residual])
-        normal = np.diag(priors.deviation**-2.0)
-        gradient = (priors.mean - vector) / priors.deviation**2
+        normal, gradient = priors.precision, priors.pull(vector)
         for w, d, r in zip(weight, design, residual, strict=True):
             normal = normal + (w * d).T @ (w * d)
             gradient = gradient + w * w * (d.T @ r)

@@ -118,7 +118,8 @@ def discrepancy_of(
         allowed: What a sound machine may leave in each, axis units.
     """
     priors, vector = model.priors, model.vector
-    precision, departure, room = priors.deviation**-2.0, vector - priors.mean, priors.room(vector)
+    precision, room = priors.precision, priors.room(vector)
+    root = np.linalg.inv(np.linalg.cholesky(precision)).T  # of the covariance
     rows = [np.asarray(dct(r / s, norm="ortho")) for r, s in zip(residual, noise, strict=True)]
     columns = [np.asarray(dct(c / s, axis=0, norm="ortho")) for c, s in zip(design, noise, strict=True)]
     octaves = [np.maximum(np.log2(np.maximum(np.arange(len(r)), _LOWEST) / _LOWEST), 0.0).astype(int) for r in rows]
@@ -127,22 +128,20 @@ def discrepancy_of(
     for _ in range(_ROUNDS):
         power = [np.bincount(o, x) / np.bincount(o) for o, x in zip(octaves, expected, strict=True)]
         variance = [np.maximum(p, 1.0)[o] for p, o in zip(power, octaves, strict=True)]
-        normal = np.diag(precision)
-        pull = -precision * departure
-        square = float(precision @ departure**2)
+        normal, pull, square = precision, priors.pull(vector), priors.squares(vector)
         for r, c, v in zip(rows, columns, variance, strict=True):
             normal = normal + c.T @ (c / v[:, None])
             pull = pull + c.T @ (r / v)
             square += float(r @ (r / v)) + float(np.log(v).sum())
         step = bounded_step(normal, pull, 0.0, *room)
         # in the deviations of the priors no eigenvalue is below one: a model that has run away is singular by rounding
-        sizes, ways = np.linalg.eigh(normal * np.outer(priors.deviation, priors.deviation))
+        sizes, ways = np.linalg.eigh(root.T @ normal @ root)
         sizes = np.maximum(sizes, 1.0)
         flexibility = float(np.log(sizes).sum())
         evidence = -0.5 * (square - float((2.0 * pull - normal @ step) @ step) + flexibility)
         if evidence < before + _SETTLED:
             break
-        before, spread = evidence, priors.deviation[:, None] * ways / np.sqrt(sizes)
+        before, spread = evidence, root @ ways / np.sqrt(sizes)
         # where the entries are as well as they can be known
         expected = [(r - c @ step) ** 2 + np.sum((c @ spread) ** 2, axis=1) for r, c in zip(rows, columns, strict=True)]
     found = [_left(r, o) for r, o in zip(rows, octaves, strict=True)]

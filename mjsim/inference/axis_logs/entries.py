@@ -84,6 +84,19 @@ class Entry:
 
 
 @dataclass(frozen=True)
+class KnownNumbers:
+    """What another instrument knows of the numbers of an axis.
+
+    Attributes:
+        entries: The numbers, with what is known of each by itself as its prior.
+        covariance: Of all of them, in units of the vector, (n, n).
+    """
+
+    entries: tuple[Entry, ...] = ()
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+@dataclass(frozen=True)
 class AxisModel:
     """One axis with everything that is free.
 
@@ -91,11 +104,13 @@ class AxisModel:
         machine: With the effects in it; what is free gets its value from the vector.
         axis: Letter.
         entries: What is free.
+        known: What another instrument knows of them.
     """
 
     machine: Machine
     axis: str
     entries: tuple[Entry, ...] = ()
+    known: KnownNumbers = field(default_factory=KnownNumbers)
     _places: dict[str, int] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -111,7 +126,24 @@ class AxisModel:
         """Priors and bounds of the vector."""
         low, high = np.array([e.bounds for e in self.entries]).reshape(-1, 2).T
         mean, deviation = np.array([(e.mean, e.deviation) for e in self.entries]).reshape(-1, 2).T
-        return Priors(mean, deviation, low, high, np.array([_LONGEST if e.log else np.inf for e in self.entries]))
+        largest = np.array([_LONGEST if e.log else np.inf for e in self.entries])
+        return Priors(mean, deviation, low, high, largest, *self._known_together(mean))
+
+    def _known_together(self, mean: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means (p,) of what is known of several entries together, and what that adds to the precision that they have
+        by themselves, (p, p). An entry that was given more room is not believed to be as known.
+        """
+        centre, coupling = mean.copy(), np.zeros((len(mean), len(mean)))
+        places = [(i, self.place(e.label)) for i, e in enumerate(self.known.entries)]
+        pairs = [
+            (i, j) for i, j in places if j is not None and self.entries[j].deviation <= self.known.entries[i].deviation
+        ]
+        if pairs:
+            mine, at = (list(x) for x in zip(*pairs, strict=True))
+            covariance = self.known.covariance[np.ix_(mine, mine)]
+            coupling[np.ix_(at, at)] = np.linalg.inv(covariance) - np.diag(1.0 / np.diag(covariance))
+            centre[at] = [self.known.entries[i].mean for i in mine]
+        return centre, coupling
 
     def place(self, label: str) -> int | None:
         """Where an entry stands in the vector."""
@@ -166,14 +198,14 @@ class AxisModel:
         """The model with an effect, or other values of one, and entries; those of the same name give way."""
         fresh = {e.label for e in entries}
         kept = tuple(e for e in self.entries if e.label not in fresh)
-        return AxisModel(self.machine.with_effect(effect), self.axis, (*kept, *entries))
+        return replace(self, machine=self.machine.with_effect(effect), entries=(*kept, *entries))
 
     def without(self, effect_id: str, former: Effect | None = None) -> AxisModel:
         """The model less one effect, or with its ``former`` values."""
         entries = tuple(e for e in self.entries if e.owner != effect_id)
         entries = tuple(e for e in entries if e.owner != PHASE or e.name.split()[0] != effect_id.partition(".")[0])
         machine = self.machine.without(effect_id)
-        return AxisModel(machine.with_effect(former) if former else machine, self.axis, entries)
+        return replace(self, machine=machine.with_effect(former) if former else machine, entries=entries)
 
     def without_wave(self, effect_id: str, order: float) -> AxisModel:
         """The model less one of several waves of an effect."""
@@ -184,7 +216,7 @@ class AxisModel:
             return self.without(effect_id)
         gone = {f"{part} {order:g}" for part in ("cosine", "sine", effect.kind)}
         kept = tuple(e for e in self.entries if e.name not in gone)
-        return AxisModel(self.machine.with_effect(effect.replaced(components=rows)), self.axis, kept)
+        return replace(self, machine=self.machine.with_effect(effect.replaced(components=rows)), entries=kept)
 
     def values(self) -> Mapping[str, float]:
         """Present values by label."""

@@ -97,12 +97,11 @@ class AxisFit:
     @property
     def precision(self) -> np.ndarray:
         """Inverse covariance of the vector, (p, p)."""
-        prior = np.array([e.deviation for e in self.model.entries]) ** -2.0
-        normal = 0.0
+        normal = self.model.priors.precision
         for w, d in zip(self.weight, self.design, strict=True):
             weighted = np.reshape(w, (-1, 1)) * d
             normal = normal + weighted.T @ weighted
-        return np.asarray(normal) + np.diag(prior)
+        return normal
 
     @property
     def covariance(self) -> np.ndarray:

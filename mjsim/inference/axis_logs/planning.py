@@ -16,7 +16,7 @@ from mjsim.effects import registry
 from mjsim.inference.axis_logs.data import AxisData, LogNoise
 from mjsim.inference.axis_logs.entries import NUISANCES, AxisModel, Entry
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
-from mjsim.inference.axis_logs.shared import shared_entries
+from mjsim.inference.axis_logs.shared import known_numbers
 from mjsim.inference.axis_logs.start import nuisance_entries, start_model
 from mjsim.inference.least_squares import ridge_solution
 from mjsim.inference.posterior import CompetingModel
@@ -242,8 +242,8 @@ def unmeasured(machine: Machine, axis: str, model: CompetingModel | None) -> Axi
     here = model.machine if model is not None else machine
     planner = LogPlanner(here, axis, ())
     data = planner._data(planner.motions()[0])
-    shared = shared_entries(model, axis, machine.factor is None) if model is not None else ()
-    return AxisFit(start_model(here, [data], (), shared), (), (), (), (), ())
+    known = known_numbers(model, axis, machine.factor is None) if model is not None else None
+    return AxisFit(start_model(here, [data], (), known), (), (), (), (), ())
 
 
 def _bounded(covariance: np.ndarray) -> np.ndarray:

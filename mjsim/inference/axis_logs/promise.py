@@ -61,4 +61,4 @@ def with_phases(fitter: LogFitter, fit: AxisFit, model: AxisModel, candidate: Ca
             wave = means.get(setup, first)
             turned = float(np.arctan2(wave[1], wave[0])) - angle
             entries.append(Entry(PHASE, kind, turned, setup, deviation=10.0))
-    return AxisModel(model.machine, model.axis, tuple(entries))
+    return replace(model, entries=tuple(entries))

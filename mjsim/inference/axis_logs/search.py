@@ -16,7 +16,7 @@ import numpy as np
 from mjsim.inference.axis_logs.as_given import fit_as_given
 from mjsim.inference.axis_logs.candidates import FRICTION, Candidate, Catalogue
 from mjsim.inference.axis_logs.data import AxisData
-from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, AxisModel, Entry
+from mjsim.inference.axis_logs.entries import CONTROLLER, DRIVE, AxisModel, Entry, KnownNumbers
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.found import AxisSelection, FoundCause, LogModel
 from mjsim.inference.axis_logs.gains import read_gains
@@ -66,7 +66,7 @@ class AxisSearch(Ascent[LogModel]):
         data: All recordings of the axis.
         threads: Simulations side by side.
         progress: Called as work gets on.
-        shared: Numbers that another instrument knows, with what it knows as their priors.
+        known: What another instrument knows of the axis.
     """
 
     def __init__(
@@ -75,11 +75,11 @@ class AxisSearch(Ascent[LogModel]):
         data: Sequence[AxisData],
         threads: int = 2,
         progress: Progress = silent,
-        shared: Sequence[Entry] = (),
+        known: KnownNumbers | None = None,
     ) -> None:
         self.axis = data[0].axis
         super().__init__(lambda what, done, of: progress(f"axis {self.axis}: {what}", done, of))
-        self.machine, self.shared = machine, tuple(shared)
+        self.machine, self.known = machine, known
         self._prepare(machine, data, threads)
 
     def _prepare(self, machine: Machine, data: Sequence[AxisData], threads: int) -> None:
@@ -119,7 +119,7 @@ class AxisSearch(Ascent[LogModel]):
 
     def sheet(self) -> AxisFit:
         """The data sheet fitted within its priors."""
-        return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.shared))
+        return self.fitter.fit(start_model(self.machine, self.fitter.data, self.gains, self.known))
 
     # -- proposals -----------------------------------------------------------------------------------------------------
 

@@ -1,8 +1,8 @@
-"""What ball-bar tests say about one axis, as priors of a fit of its logs.
+"""What ball-bar tests say about one axis, as prior of a fit of its logs.
 
-The posterior of the ball bar enters the fit of the logs as prior, so that the result is that of one fit to both, and
-the log evidences of both add. Only the standard deviations are handed on, not the correlations: numbers of which the
-ball bar knows a combination only are given more room than it leaves them.
+The posterior of the ball bar enters the fit of the logs as prior, with all of its covariance. So the result is that of
+one fit to the rows of both, as far as those of the ball bar are linear near its fit. The log evidences of both add:
+that of the logs is given what the ball bar knows.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mjsim.inference.axis_logs.data import AxisData
-from mjsim.inference.axis_logs.entries import DRIVE, NUISANCES, AxisModel, Entry
+from mjsim.inference.axis_logs.entries import DRIVE, NUISANCES, AxisModel, Entry, KnownNumbers
 from mjsim.inference.axis_logs.fit import AxisFit, LogFitter
 from mjsim.inference.axis_logs.gains import GainsRead
 from mjsim.inference.axis_logs.start import start_model
@@ -62,23 +62,24 @@ class Decision:
         return tuple(i for i in self.bar if i not in self.told)
 
 
-def shared_entries(model: CompetingModel, axis: str, sheet: bool = True) -> tuple[Entry, ...]:
-    """Numbers of one axis that a ball-bar fit has found, with its uncertainty as their priors.
+def known_numbers(model: CompetingModel, axis: str, sheet: bool = True) -> KnownNumbers:
+    """Numbers of one axis that a ball-bar fit has found, and how well it knows them together.
 
     Args:
         model: The fit.
         axis: Letter.
         sheet: Also the data sheet of the drive.
     """
-    posterior, out = model.posterior, []
+    posterior = model.posterior
+    out: list[tuple[Entry, int]] = []  # with the place of each in the posterior
     for f, at in posterior.blocks:
         if f.effect.subject == axis and f.effect.kind in MOTOR_SIDE and not f.polar:
-            out += _of_effect(model, f, posterior.part(at))
+            out += zip(_of_effect(model, f, posterior.part(at)), at, strict=True)
     if sheet:
         sd = np.sqrt(np.maximum(np.diag(posterior.part(posterior.sheet)), 0.0))
         drive = model.machine.drives[axis]
-        known = {e.label for e in out}
-        for p, deviation in zip(sheet_of(model.machine), sd, strict=True):
+        labels = {e.label for e, _ in out}
+        for p, deviation, place in zip(sheet_of(model.machine), sd, posterior.sheet, strict=True):
             if p.axis != axis:
                 continue
             if p.name in FRICTION_PARAMETERS:
@@ -88,9 +89,14 @@ def shared_entries(model: CompetingModel, axis: str, sheet: bool = True) -> tupl
             else:
                 owner, name, value = DRIVE, p.name, getattr(drive, p.name)
             entry = _positive(owner, name, value, max(p.sd * deviation, 1e-6)) if value > 0.0 else None
-            if entry is not None and np.isfinite(value) and entry.label not in known:
-                out.append(entry)
-    return tuple(out)
+            if entry is not None and np.isfinite(value) and entry.label not in labels:
+                out.append((entry, place))
+    entries, covariance = tuple(e for e, _ in out), posterior.part([place for _, place in out])
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-30))
+    correlation = covariance / np.outer(spread, spread)  # every number of both vectors rises with its value
+    np.fill_diagonal(correlation, 1.0)  # also of one that the fit held
+    deviation = np.array([e.deviation for e in entries])
+    return KnownNumbers(entries, correlation * np.outer(deviation, deviation))
 
 
 def _of_effect(model: CompetingModel, f: EffectVector, covariance: np.ndarray) -> list[Entry]:
@@ -130,7 +136,7 @@ def fitted_to_logs(
         believed: Whether the data sheet is believed as the ball bar has it.
     """
     axis = fitter.data[0].axis
-    start = start_model(model.machine, fitter.data, gains, shared_entries(model, axis, believed))
+    start = start_model(model.machine, fitter.data, gains, known_numbers(model, axis, believed))
     if extra is not None:
         start = _with_extra(start, extra, fitter.data)
     return fitter.fit(start)

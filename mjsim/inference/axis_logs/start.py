@@ -21,6 +21,7 @@ from mjsim.inference.axis_logs.entries import (
     ZERO,
     AxisModel,
     Entry,
+    KnownNumbers,
 )
 from mjsim.inference.axis_logs.gains import GainsRead
 from mjsim.machine.model import TOLERANCE, Machine
@@ -42,7 +43,7 @@ _CONSTANT, _ZERO_OUTPUT, _UNKNOWN = 0.02, 0.01, 30.0
 
 
 def start_model(
-    machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead] = (), shared: Sequence[Entry] = ()
+    machine: Machine, data: Sequence[AxisData], gains: Sequence[GainsRead] = (), known: KnownNumbers | None = None
 ) -> AxisModel:
     """One axis with its data sheet and the nuisances of its recordings free.
 
@@ -50,12 +51,13 @@ def start_model(
         machine: As given.
         data: All recordings of the axis.
         gains: Read back from recorded outputs.
-        shared: Numbers that another instrument knows, with what it knows as their priors.
+        known: What another instrument knows.
     """
     axis = data[0].axis
     machine = sampled_as_read(machine, axis, gains)
     sheet = {e.label: e for e in sheet_entries(machine, data)}
-    for e in shared:
+    known = known or KnownNumbers()
+    for e in known.entries:
         own = sheet.get(e.label)
         if own is not None:  # another instrument moves no number farther than a cause of its own
             sheet[e.label] = replace(e, lower=max(e.lower, own.lower), upper=min(e.upper, own.upper))
@@ -64,7 +66,7 @@ def start_model(
     read_back = [_read_back(e, gains) for e in sheet.values()]
     together = {g.controller for g in gains if g.values and g.explained > _SAME_SAMPLE}
     nuisances = [_in_step(e, data, together) for e in nuisance_entries(machine, data)]
-    return AxisModel(machine, axis, (*read_back, *nuisances))
+    return AxisModel(machine, axis, (*read_back, *nuisances), known)
 
 
 def _in_step(entry: Entry, data: Sequence[AxisData], together: set[str | None]) -> Entry:
