@@ -11,6 +11,7 @@ import mjsim
 from mjsim.campaign.files import read_campaign
 from mjsim.cli.main import main
 from mjsim.effects.registry import make
+from mjsim.inference.discrepancy import USUAL, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import usual_noise
 from mjsim.inference.planning.candidates import Reach, first_round, neighbours, reachable
@@ -111,6 +112,24 @@ def test_an_error_of_the_class_adapts_no_more_than_the_campaign_left_open(m1, ci
     b = replace(b, covariance=b.covariance * np.outer(known, known))
     # the set-up, the data sheet and the friction are free in one of the two only: they take little of a squareness
     assert Separator(a, b, usual_noise()).of(test).deviance > 0.5 * full
+
+
+def test_what_no_model_has_hides_a_small_difference(m1, circle):
+    """A wave of 0.07 µm is seen in the noise, and lost beside what an ordinary machine leaves."""
+    test = circle("XY", (0, 0, 155), feed=3000.0)
+    a, b = explained(m1, "squareness.XY", angle_urad=20.0), explained(m1, "squareness.XY", angle_urad=10.0)
+    fixed = replace(b, covariance=b.covariance * 1e-12)
+
+    def deviance(left, truth=a):
+        return Separator(truth, fixed, usual_noise(), left=left).of(test).deviance
+
+    full, one = deviance(None), np.ones(1)
+    assert deviance(Sizes(0.0, 0.0, one)) == full
+    assert deviance(Sizes(1e-9, 1e-9, one)) == pytest.approx(full, rel=0.01)
+    small = explained(m1, "squareness.XY", angle_urad=11.0)
+    usual = Sizes(USUAL, USUAL, one)
+    assert deviance(usual, small) < 1.0 < deviance(None, small)
+    assert Separator(a, b, usual_noise(), left=usual).most(test) >= deviance(usual) > 9.0
 
 
 def test_no_test_does_more_than_with_its_set_up_alone_adapted(m1, circle, cone):

@@ -42,6 +42,7 @@ from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
 from mjsim.inference.samples import Samples, revolution_time
 from mjsim.inference.whitening import Whitening, shrinkage
+from mjsim.instruments.ball_bar.measurement import BallBarTest
 
 #: Harmonics of the path angle.
 HARMONICS = 48
@@ -191,8 +192,8 @@ class Discrepancy:
         for k, s in enumerate(problem.samples):
             basis, triangle = np.linalg.qr(problem.whiten_test(k, _harmonics(s.centre, revolution_time(s.test))))
             bases.append(basis)
-            slow.append((triangle * np.concatenate([_spectrum(*_SLOW), _DRIFT])) @ triangle.T)
-            fast.append((triangle * np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])) @ triangle.T)
+            slow.append((triangle * _OF_SLOW) @ triangle.T)
+            fast.append((triangle * _OF_FAST) @ triangle.T)
         found = (_common(problem, error, shifts or [0.0] * len(problem.tests)) for error in errors)
         return cls(bases, slow, fast, (), [c for c in found if c.usual > SMALLEST])
 
@@ -283,6 +284,18 @@ def _common(problem: Problem, error: CommonError, shifts: Sequence[float]) -> Co
     return Common(error.name, error.usual * reach, columns, reach)
 
 
+def left_in(test: BallBarTest, time: np.ndarray, sizes: Sizes) -> np.ndarray:
+    """What no model has of a test, beside what all tests share: columns (n, k) m by independent unit normals.
+
+    Args:
+        test: Measured or not.
+        time: Of its readings, (n,) s.
+        sizes: Of the discrepancy.
+    """
+    variance = sizes.slow**2 * _OF_SLOW + sizes.fast**2 * _OF_FAST
+    return _harmonics(time, revolution_time(test)) * np.sqrt(variance)
+
+
 def _near_jumps(curves: Sequence[np.ndarray], ranges: Sequence[float], samples: Samples) -> np.ndarray:
     """Errors of the blocks of a test near jumps of curves, (m, k) m: independent, each of half the jump.
 
@@ -335,3 +348,8 @@ def _harmonics(time: np.ndarray, revolution: float) -> np.ndarray:
     u = (phi - phi.mean()) / max(float(np.ptp(phi)), 1e-9)
     drift = np.column_stack([u, u * np.cos(phi), u * np.sin(phi), u * u - 1.0 / 12.0])
     return np.hstack([np.ones((len(phi), 1)), np.cos(angles), np.sin(angles), drift])
+
+
+#: Variances of the columns of :func:`_harmonics` of what changes slowly and fast, over the squares of their sizes.
+_OF_SLOW = np.concatenate([_spectrum(*_SLOW), _DRIFT])
+_OF_FAST = np.concatenate([_spectrum(*_FAST), 0.0 * _DRIFT])

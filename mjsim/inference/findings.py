@@ -454,7 +454,7 @@ class Reader(ABC, Generic[D]):
         named = [replace(r, gain=max(shares.get(r.key, 0.0) * explained, 0.0)) for r in named]
         # first what takes most of the error away when it is brought back to its limit
         named.sort(key=lambda r: (-r.gain * excess[r.key] ** 2, -r.gain))
-        selection = Selection(self.found.start, fit, named, self.found.bank, self.found.trail)
+        selection = Selection(self.found.start, fit, named, self.found.bank, self.model.sizes, self.found.trail)
         shown = keys | {c.effect.effect.key for c in entries if c.observable}
         verdict, verdicts = self._verdict(named, rows, shown, unknown)
         sums, sizes, ended = combinations(fit, settings), self.model.sizes, self.model.problem

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from mjsim.inference.discrepancy import Sizes
 from mjsim.inference.fit import Fit
 from mjsim.inference.signatures import Bank
 
@@ -44,6 +45,7 @@ class Selection:
         fit: The final model.
         found: Its effects in the order of their contribution.
         bank: Signatures of all candidates.
+        left: Sizes of what is in no model.
         trail: The models that were tried.
     """
 
@@ -51,6 +53,7 @@ class Selection:
     fit: Fit
     found: list[FoundEffect]
     bank: Bank
+    left: Sizes
     trail: list[dict] = field(default_factory=list)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from mjsim.effects import registry
 from mjsim.errors import InputError
+from mjsim.inference.discrepancy import Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import Noise
 from mjsim.inference.outcome import Selection
@@ -147,7 +148,8 @@ def plan_for(
         hidden: Also where nothing is ambiguous, for what is not testable.
     """
     reach = Reach(problem.chain, problem.campaign.tests)
-    args = (reach, problem.noise, problem.samples[0].block, threads, progress, problem.settings.plan)
+    block, settings = problem.samples[0].block, problem.settings.plan
+    args = (reach, problem.noise, block, threads, progress, settings, selection.left)
     undecided = []
     for f in selection.found:
         for other, fit in f.competing.items():
@@ -179,8 +181,10 @@ def best_of(
     threads: int,
     progress: Progress,
     settings: PlanSettings = PLAN,
+    left: Sizes | None = None,
 ) -> Plan:
-    separator = Separator(*explanations, noise, block, reach)
+    """The plan that separates two explanations best; arguments as of :class:`Separator` and :func:`choose`."""
+    separator = Separator(*explanations, noise, block, reach, left)
     choices, reached = choose(separator, threads, progress, settings)
     a, b = between
     what = f"makes {a} show" if b == NOTHING else f"separates {a} from {b}"

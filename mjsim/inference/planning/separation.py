@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mjsim.inference.data_sheet import DATA_SHEET, calibrated, data_sheet, sheet_block
+from mjsim.inference.discrepancy import Sizes, left_in
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.fit import Fit
 from mjsim.inference.least_squares import ridge_solution
@@ -24,6 +25,7 @@ from mjsim.inference.planning.candidates import Reach
 from mjsim.inference.posterior import CompetingModel, Posterior
 from mjsim.inference.problem import KeptChanges, sheet_grid, sheet_plants
 from mjsim.inference.samples import BLOCKS, GRID_STEPS
+from mjsim.inference.whitening import Whitening
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.machine.kinematics import BarSensitivity
 from mjsim.machine.model import Machine, build
@@ -130,6 +132,7 @@ class Separator:
         noise: Of the instrument.
         block: Length of the blocks whose means are compared, s.
         reach: What can be measured.
+        left: Sizes of what neither explanation has, and the new test will show as well.
     """
 
     def __init__(
@@ -139,8 +142,9 @@ class Separator:
         noise: Noise,
         block: float = BLOCKS[0],
         reach: Reach | None = None,
+        left: Sizes | None = None,
     ) -> None:
-        self.truth, self.other, self.noise, self.block = truth, other, noise, block
+        self.truth, self.other, self.noise, self.block, self.left = truth, other, noise, block, left
         self.reach = reach or Reach(truth.base.chain)
         self._plants = build(truth.machine), build(other.machine)
         axes = {f.effect.subject for f in (*truth.effects, *other.effects)}
@@ -168,7 +172,7 @@ class Separator:
 
     def _seen_by(self, motion: AxesMotion, lasting: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of one reading the difference of the explanations, (n,) m; the derivatives of the second one, (n, p) m per
-        prior standard deviation; and both whitened, (rows, 1 + p).
+        prior standard deviation; and both whitened by the noise and by what is in no model, (rows, 1 + p).
         """
         first, second = (motion.reading(p, GRID_STEPS) for p in self._plants)
         sens = motion.sensitivity(self._plants[1], GRID_STEPS)
@@ -181,7 +185,12 @@ class Separator:
             # in units of the root the prior is a unit normal
             columns += list((np.column_stack(kept) @ self._prior_root(motion.test)).T)
         J = np.column_stack(columns)
-        return d, J, whitened(self.noise, np.column_stack([d, J]))
+        rows = whitened(self.noise, np.column_stack([d, J]))
+        if self.left is not None and self.left.rms:
+            time = _blocks(motion, motion.time[::GRID_STEPS], self.block)
+            beside = whitened(self.noise, left_in(motion.test, time, self.left))
+            rows = Whitening(np.ones(1)).beside(beside).of_all(rows)
+        return d, J, rows
 
     def _prior_root(self, test: BallBarTest) -> np.ndarray:
         """Cholesky factor of the covariance of what lasts: instrument, data sheet of the axes concerned, effects."""
