@@ -19,6 +19,7 @@ from scipy.sparse import block_diag, csr_array, hstack
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
 from mjsim.inference.samples import GRID, GRID_STEPS
+from mjsim.inference.variables import SINCE, STROKE, VARIABLES, Variable
 from mjsim.machine.axis import radius_of
 from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import build
@@ -26,18 +27,6 @@ from mjsim.machine.plant import Motion
 from mjsim.simulation.tracker import MotionTracker
 from mjsim.units import UM
 
-#: The variable of what follows a reversal.
-SINCE = "time_since_reversal"
-#: Knots of the free curve of each variable.
-KNOTS = {
-    "position": 36,
-    "direction": 24,
-    "velocity": 12,
-    "acceleration": 12,
-    "torque": 10,
-    SINCE: 10,
-    "clock_time": 24,
-}
 _PER_TURN = 24  # of a rotary axis' position counted over all turns
 _FINE = 720  # of one turn, where single teeth are to be seen
 _PER_TOOTH = 4  # where the size of its wave is what changes
@@ -46,33 +35,16 @@ _IN_LEAD = 12  # of a linear axis' position within one turn of its screw
 ROUND = 1.9 * np.pi
 #: Periods of the clock that are tried, s.
 _CLOCK_PERIODS = np.geomspace(15.0, 900.0, 60)
-#: The variable along a motion; ``i`` is the axis' column.
-VALUE = {
-    "position": lambda m, i: m.position[:, i],
-    "direction": lambda m, i: m.position[:, i],
-    "velocity": lambda m, i: m.velocity[:, i],
-    "acceleration": lambda m, i: m.acceleration[:, i],
-    "torque": lambda m, i: m.torque[:, i],
-    SINCE: lambda m, i: np.log10(np.clip(m.since_reversal[:, i], 0.02, 100.0)),
-}
 #: Directions of the table ball in the work frame.
 TABLE = ("table x", "table y", "table z")
 #: From the table's axis to the ball.
 RADIAL = "table radial"
-#: What moves where a structure rings, and the variable of that: see :mod:`mjsim.inference.resonance`.
-STRUCTURE, SWING = "structure", "swing"
-#: The variable of what stays from one reversal of an axis to the next, and is another each time.
-STROKE = "stroke"
+#: What moves where a structure rings: see :mod:`mjsim.inference.resonance`.
+STRUCTURE = "structure"
 #: What a coefficient of 1 is: 10 µrad or 1 µm.
 ROTARY_UNIT, LINEAR_UNIT = 1e-5, UM
-#: Variables that change little within a block. Of the others, a block mean says too little around a reversal.
-SLOW = ("position", "clock_time")
-#: A curve is looked at with so many times the knots: one of a variable with small details, since scales, screws and
-#: wheels have steps and teeth, and what turns back lets go at once; and any other, that has a bend or a jump at most.
+#: A curve is looked at with so many times the knots: one that may have small details, and any other.
 _FINER, _SMOOTHER = (2, 4, 8, 16), (2, 4)
-_DETAILED = ("position", "direction", SINCE)
-#: Variables whose curves count with the direction of motion.
-SIGNED = ("direction", SINCE)
 #: Knots of the curve, rad.
 _KNOTS = np.arange(72) * (2.0 * np.pi / 72)
 
@@ -111,7 +83,7 @@ class CurveTerm:
 
     @property
     def signed(self) -> bool:
-        return self.variable in SIGNED
+        return VARIABLES[self.variable].is_signed
 
     @property
     def settles(self) -> bool:
@@ -219,22 +191,23 @@ class CurveTerms:
         """Terms of the campaign clock: a free curve, and with ``waves`` those of one period, per linear axis."""
         times = [m.clock for m in self.motions]
         lo, hi = min(t.min() for t in times), max(t.max() for t in times)
+        knots = np.linspace(lo, hi, VARIABLES["clock_time"].knots)
         for moves in self.chain.linear:
-            yield from self._term("", moves, "clock_time", np.linspace(lo, hi, KNOTS["clock_time"]), None, times)
+            yield from self._term("", moves, "clock_time", knots, None, times)
             for period in _CLOCK_PERIODS if waves else ():
                 yield from self._term("", moves, "clock_time", np.arange(4) * (period / 4), float(period), times)
 
     def of(self, axis: str, moves: str) -> Iterator[CurveTerm]:
         """All terms of one axis' motion that displace ``moves``."""
         i = self.chain.index(axis)
-        for variable in VALUE:
-            if variable == SINCE and moves != axis:
+        for variable, of in VARIABLES.items():
+            if of.along is None or (variable == SINCE and moves != axis):
                 continue  # in one swing it is nearly the direction of motion
-            x, blocks = self._values(axis, variable), [VALUE[variable](m, i) for m in self.motions]
+            x, blocks = self._values(axis, of), [of.along(m, i) for m in self.motions]
             lo, hi = min(v.min() for v in blocks), max(v.max() for v in blocks)
             if hi - lo < 1e-9:
                 continue
-            count = KNOTS[variable] if moves == axis else min(KNOTS[variable], 18)
+            count = of.knots if moves == axis else min(of.knots, 18)
             in_turns = variable in ("position", "direction")
             if in_turns and is_rotary(axis) and hi - lo > ROUND:
                 yield from self._term(axis, moves, variable, np.arange(count) * (2 * np.pi / count), 2 * np.pi, x)
@@ -291,10 +264,11 @@ class CurveTerms:
 
     def finer(self, term: CurveTerm, most: int) -> Iterator[CurveTerm]:
         """The same term with more knots, up to ``most``."""
-        if term.moves == RADIAL or term.variable == STROKE or (term.period and not term.axis):
+        variable = VARIABLES[term.variable]
+        if term.moves == RADIAL or variable.is_counted or (term.period and not term.axis):
             return
-        values = self._values(term.axis, term.variable) if term.axis else [m.clock for m in self.motions]
-        for factor in _FINER if term.variable in _DETAILED else _SMOOTHER:
+        values = self._values(term.axis, variable) if term.axis else [m.clock for m in self.motions]
+        for factor in _FINER if variable.is_detailed else _SMOOTHER:
             n, first, last = factor * len(term.knots), term.knots[0], term.knots[-1]
             if n <= most:
                 knots = first + np.arange(n) * (term.period / n) if term.period else np.linspace(first, last, n)
@@ -305,12 +279,12 @@ class CurveTerms:
     ) -> Iterator[CurveTerm]:
         if not self._is_seen(moves):
             return
-        if variable in SLOW:
+        if VARIABLES[variable].is_slow:
             weights, averages = [s[moves] * unit_of(moves) for s in self.sensitivities], None
         else:
             weights = [self._along(k, moves) * unit_of(moves) for k in range(len(self.on_grid))]
             averages = self.averages
-        if variable in SIGNED:
+        if VARIABLES[variable].is_signed:
             i = self.chain.index(axis)
             weights = [w * np.sign(m.velocity[:, i]) for w, m in zip(weights, self.on_grid, strict=True)]
         columns = HatColumns(values, weights, knots, period, averages)
@@ -346,10 +320,11 @@ class CurveTerms:
         """Whether a reading changes when ``moves`` is displaced."""
         return any(np.abs(s[moves]).max() > 1e-6 for s in self.sensitivities)
 
-    def _values(self, axis: str, variable: str) -> list[np.ndarray]:
+    def _values(self, axis: str, variable: Variable) -> list[np.ndarray]:
         """A variable of an axis along every test, as block means or on the GRID."""
         i = self.chain.index(axis)
-        return [VALUE[variable](m, i) for m in (self.motions if variable in SLOW else self.on_grid)]
+        assert variable.along is not None
+        return [variable.along(m, i) for m in (self.motions if variable.is_slow else self.on_grid)]
 
     @cached_property
     def averages(self) -> Averages:

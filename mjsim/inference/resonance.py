@@ -20,8 +20,9 @@ from typing import cast
 import numpy as np
 from scipy.optimize import minimize
 
-from mjsim.inference.curve_terms import STRUCTURE, SWING, CurveTerm, CurveTerms, SwingColumns
+from mjsim.inference.curve_terms import STRUCTURE, CurveTerm, CurveTerms, SwingColumns
 from mjsim.inference.samples import GRID, GRID_STEPS
+from mjsim.inference.variables import SWING
 from mjsim.machine.chain import Chain
 from mjsim.machine.kinematics import grounded, spindle_ball, table_ball, tool_side, work_side
 from mjsim.units import UM

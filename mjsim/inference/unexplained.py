@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mjsim.inference.curve_fit import bends, changes, orders
-from mjsim.inference.curve_terms import RADIAL, STROKE, TABLE, CurveTerm, StrokeColumns
+from mjsim.inference.curve_terms import RADIAL, TABLE, CurveTerm, StrokeColumns
 from mjsim.inference.fit import Fit
 from mjsim.inference.problem import Problem
 from mjsim.inference.shares import unabsorbed
-from mjsim.machine.chain import Chain, is_linear, is_rotary
+from mjsim.inference.variables import LOG_SECONDS, VARIABLES, in_json
+from mjsim.machine.chain import Chain, is_rotary
 from mjsim.units import DEG, UM
 
 
@@ -59,13 +60,13 @@ class Unexplained:
         """As in the JSON of ``mjsim diagnose``."""
         return {
             "axes": list(self.axes),
-            "variable": _IN_JSON.get(self.variable, self.variable),
+            "variable": in_json(self.variable),
             "period": self.period,
             "rms_um": round(self.rms / UM, 4),
             "left_um": round(self.left / UM, 4),
             "probability": round(self.probability, 4),
             "alternatives": [
-                {"axes": list(axes), "variable": _IN_JSON.get(variable, variable), "probability": round(p, 4)}
+                {"axes": list(axes), "variable": in_json(variable), "probability": round(p, 4)}
                 for axes, variable, p in self.alternatives
             ],
             "tests": list(self.tests),
@@ -120,7 +121,7 @@ class FurtherCurve:
         return {
             "axis": self.axis,
             "moves": self.moves,
-            "variable": _IN_JSON.get(self.variable, self.variable),
+            "variable": in_json(self.variable),
             **mode,
             f"largest_{unit}": float(f"{self.largest * factor:.3g}"),
             f"limit_{unit}": float(f"{self.limit * factor:.3g}"),
@@ -130,19 +131,6 @@ class FurtherCurve:
         }
 
 
-_WORDS = {
-    "position": "position",
-    "direction": "direction of motion and position",
-    "velocity": "velocity",
-    "acceleration": "acceleration",
-    "torque": "motor's torque",
-    "time_since_reversal": "time since its last reversal",
-    STROKE: "stroke",
-}
-#: What the JSON of ``mjsim diagnose`` calls a variable that it has no name for: what a stroke is, a reversal says.
-_IN_JSON = {STROKE: "direction"}
-#: Unit of the knots of times since a reversal.
-_LOG_SECONDS = "log₁₀ s"
 #: Most steps, bends or waves of a curve that are told (assumed).
 _MOST_TOLD = 3
 _MOVED = {**dict.fromkeys(TABLE, "the table"), RADIAL: "the table along the ball's radius"}
@@ -192,7 +180,7 @@ def describe(
     power = np.sum([(c**2).sum(axis=0) for c in term.columns], axis=0)
     reached = power > 1e-4 * power.max()
     curve = x, np.where(reached, size * factor, np.nan), spread_of * term.unit * factor  # nan: no test goes there
-    if term.variable == STROKE:  # drawn from one reversal to the next
+    if VARIABLES[term.variable].is_counted:  # drawn from one number to the next
         curve = np.column_stack([x, x + 1.0]).ravel(), np.repeat(curve[1], 2), np.repeat(curve[2], 2)
     repeats = f", repeating every {period:.4g} {x_unit}" if period else ""
     most = f", most in {shows[0]} near φ = {where[0]:.0f}°" if shows else ""
@@ -233,11 +221,10 @@ def _moved(moves: str) -> str:
 
 def acts_on(axis: str, moves: str, variable: str) -> str:
     """What a term acts on, and on what it depends; arguments as of :class:`FurtherCurve`."""
-    if variable == STROKE:
-        return f"acts on the {axis} axis and changes when that turns back, each time by another amount"
+    of = VARIABLES[variable]
     if axis == moves:
-        return f"acts on the {axis} axis and depends on its {_WORDS[variable]}"
-    on = f"depends on the {axis} axis' {_WORDS[variable]}" if axis else "follows the campaign's clock"
+        return f"acts on the {axis} axis and depends on {of.its}"
+    on = f"depends on the {axis} axis' {of.words}" if axis else "follows the campaign's clock"
     return f"acts on {_moved(moves)} and {on}"
 
 
@@ -269,13 +256,13 @@ def shape_in_words(term: CurveTerm, knots: np.ndarray, factor: float, x_unit: st
         x_unit: Of the knots.
         unit: Of the curve.
     """
-    if term.variable == STROKE:
+    if VARIABLES[term.variable].is_counted:  # knots that are no neighbours have no steps or bends between them
         return ""
     curve = term.coefficients * term.unit * factor
     step, closed = knots[1] - knots[0], term.period is not None
 
     def at(place: float) -> str:
-        if x_unit == _LOG_SECONDS:
+        if x_unit == LOG_SECONDS:
             return f"{10.0 ** (knots[0] + place * step):.3g} s"
         return f"{knots[0] + place * step:.4g}{'' if x_unit == '°' else ' '}{x_unit}"
 
@@ -315,16 +302,9 @@ def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray,
     """Knots in the units that users read, what they are, their unit, and the period in it: that of the harmonic with
     more than the share ``harmonic`` of the curve's power, where there is one.
     """
-    rotary = is_rotary(term.axis)
-    scale, unit = {
-        "velocity": (1 / DEG, "°/s") if rotary else (60e3, "mm/min"),
-        "acceleration": (1 / DEG, "°/s²") if rotary else (1e3, "mm/s²"),
-        "torque": (1.0, "N·m"),
-        "time_since_reversal": (1.0, _LOG_SECONDS),
-        "clock_time": (1.0, "s"),
-        STROKE: (1.0, "number"),
-    }.get(term.variable, (1 / DEG, "°") if rotary else (1e3, "mm"))
-    name = f"{term.axis} axis: {_WORDS[term.variable]}" if term.axis else "campaign clock"
+    variable = VARIABLES[term.variable]
+    scale, unit = variable.shown_of(term.axis)
+    name = f"{term.axis} axis: {variable.words}" if term.axis else "campaign clock"
     if term.moves == RADIAL:
         name = f"ball's angle about the {term.axis} axis"
     period = None if term.period is None else term.period * scale
@@ -335,27 +315,6 @@ def _file_units(term: CurveTerm, fit: Fit, harmonic: float) -> tuple[np.ndarray,
     return term.knots * scale, name, unit, period
 
 
-_ARGUMENT = {
-    "position": "motion.position[:, AXIS]",
-    "direction": "motion.position[:, AXIS]",
-    "velocity": "motion.velocity[:, AXIS]",
-    "acceleration": "motion.acceleration[:, AXIS]",
-    "torque": "motion.torque[:, AXIS]",
-    "time_since_reversal": "np.log10(np.maximum(motion.since_reversal[:, AXIS], 0.02))",
-    "clock_time": "motion.clock",
-    STROKE: "motion.clock",
-}
-_UNIT = {
-    "velocity": ("m/s", "rad/s"),
-    "acceleration": ("m/s²", "rad/s²"),
-    "torque": ("N·m", "N·m"),
-    "time_since_reversal": ("log10 of s", "log10 of s"),
-    "clock_time": ("s", "s"),
-    STROKE: ("s of the campaign's clock", "s of the campaign's clock"),
-}
-
-#: Variables over which a curve with a straight end goes on beyond what was measured.
-_GOES_ON = ("position", "direction", "velocity", "acceleration", "torque")
 #: How far it goes on, in lengths of that end, and the least length of such an end, of the whole curve (assumed).
 _FAR, _LONG_END = 10.0, 0.2
 
@@ -427,8 +386,8 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
     # a machine may have several unknown causes, each with a kind of its own
     moved = f"moves_{term.moves}" if term.moves != term.axis else ""
     kind = "_".join(filter(None, ("unexplained", term.variable, term.axis, moved))).replace(" ", "_").lower()
-    unit = _UNIT.get(term.variable, ("m", "rad"))[0 if is_linear(term.axis) else 1]
-    target, before, argument, direction = f"the {term.moves} axis", "", _ARGUMENT[term.variable], "DIRECTION"
+    variable = VARIABLES[term.variable]
+    target, before, argument, direction = f"the {term.moves} axis", "", variable.argument, "DIRECTION"
     columns = imports = ""
     act = _ON_AXIS
     if term.axis:
@@ -456,7 +415,7 @@ def effect_source(chain: Chain, term: CurveTerm, values: np.ndarray, summary: st
         columns=columns.rstrip(),
         before=before,
         variable=term.variable.replace("_", " ") + (f" of {term.axis}" if term.axis else ""),
-        unit=unit,
+        unit=variable.unit_of(term.axis),
         target=target,
         size="rad" if is_rotary(term.moves) else "m",
         knots=_numbers(knots),
@@ -480,7 +439,7 @@ def _continued(term: CurveTerm, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     knots, last = term.knots, len(term.knots) - 1
     if isinstance(term.columns, StrokeColumns):
         return term.columns.clock.ravel(), np.repeat(values, 2)
-    if term.shape != "bends" or term.period is not None or term.variable not in _GOES_ON:
+    if term.shape != "bends" or term.period is not None or not VARIABLES[term.variable].goes_on:
         return knots, values
     places, least = bends(term.coefficients), _LONG_END * last
     first, final = min(places, default=last), max(places, default=0)

@@ -17,11 +17,12 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.sparse import csr_array, diags_array
 
-from mjsim.inference.curve_terms import RADIAL, STROKE, STRUCTURE, CurveTerm, CurveTerms, radial_curves
+from mjsim.inference.curve_terms import RADIAL, STRUCTURE, CurveTerm, CurveTerms, radial_curves
 from mjsim.inference.fit import Fit
 from mjsim.inference.linear_evidence import Columns, LinearEvidence, margin
 from mjsim.inference.problem import Problem
 from mjsim.inference.resonance import Modes
+from mjsim.inference.variables import VARIABLES
 from mjsim.inference.whitening import Whitening
 
 #: Logarithm of the prior odds that an axis has a cause that is in no catalogue.
@@ -129,7 +130,7 @@ class Curve:
 def priors_of(term: CurveTerm) -> Iterator[tuple[str, np.ndarray]]:
     """The priors of a curve and their roots (knots, k), each of variance about one."""
     k = len(term.knots)
-    if term.variable == STROKE:
+    if VARIABLES[term.variable].is_counted:
         yield "strokes", np.eye(k)
     elif term.period:
         n, apart = np.arange(k // 2 + 1), (np.arange(k)[:, None] - np.arange(k)) % k
@@ -247,7 +248,7 @@ def best_curves(
         if place >= _MOST and not is_own:
             continue
         for term in (coarse, *(finer if is_own or place < _REFINED else [])):
-            steps = [("steps", steps_of(term))] if term.variable != STROKE else []
+            steps = [] if VARIABLES[term.variable].is_counted else [("steps", steps_of(term))]
             contest.enter(term, [*priors_of(term), *steps], odds[term.axis])
             if term.moves == RADIAL:
                 lobes = [("lobes", lobes_of(term, n)) for n in _LOBES]

@@ -22,6 +22,7 @@ from mjsim.effects import registry
 from mjsim.effects.registry import kinds
 from mjsim.inference.problem import Problem
 from mjsim.inference.unexplained import Unexplained
+from mjsim.inference.variables import VARIABLES
 from mjsim.instruments.ball_bar.iso230 import BidirectionalFigures, CircularFigures
 from mjsim.instruments.ball_bar.program import Program
 from mjsim.instruments.base import INSTRUMENTS
@@ -70,24 +71,11 @@ def headlines(result: Diagnosis) -> list[str]:
 
 #: Causes that the first box names; the table below has the others.
 _MOST = 4
-#: What an unknown error depends on, in a sentence.
-_VARIABLES = {
-    "position": "its position",
-    "direction": "its direction and position",
-    "velocity": "its velocity",
-    "acceleration": "its acceleration",
-    "torque": "its motor's torque",
-    "time_since_reversal": "the time since its last reversal",
-    "clock_time": "the time of day",
-    "stroke": "how it has turned back: by another amount each time",
-}
 
 
 def _unknown(rest: Unexplained) -> str:
-    axes = " and ".join(rest.axes)
-    return (
-        f"{axes} axis: an unknown error of {_short(rest.rms / UM)} µm RMS that depends on {_VARIABLES[rest.variable]}."
-    )
+    axes, on = " and ".join(rest.axes), VARIABLES[rest.variable].its
+    return f"{axes} axis: an unknown error of {_short(rest.rms / UM)} µm RMS that depends on {on}."
 
 
 def _line(found: DiagnosedEffect, given: Machine) -> str:
