@@ -15,7 +15,7 @@ from mjsim.inference.discrepancy import USUAL, Sizes
 from mjsim.inference.effect_vector import EffectVector
 from mjsim.inference.noise import usual_noise
 from mjsim.inference.planning.candidates import Reach, first_round, neighbours, reachable
-from mjsim.inference.planning.next_test import worth
+from mjsim.inference.planning.next_test import lacking, typical, worth
 from mjsim.inference.planning.separation import Explanation, Separation, Separator
 from mjsim.inference.settings import PLAN
 from mjsim.instruments.ball_bar.files import test_table
@@ -112,6 +112,15 @@ def test_an_error_of_the_class_adapts_no_more_than_the_campaign_left_open(m1, ci
     b = replace(b, covariance=b.covariance * np.outer(known, known))
     # the set-up, the data sheet and the friction are free in one of the two only: they take little of a squareness
     assert Separator(a, b, usual_noise()).of(test).deviance > 0.5 * full
+
+
+def test_what_a_model_has_is_no_news(m1):
+    """A test that shall make an effect show is looked at with more of it than the model has."""
+    stated, more = m1.effect("friction.C"), lacking("friction.C", m1).effect
+    (size,) = (p.scale for p in stated.parameters_of("C") if p.name == "coulomb_Nm")
+    assert more.values["coulomb_Nm"] == pytest.approx(stated.values["coulomb_Nm"] + size)
+    assert more.values["presliding_rad"] == stated.values["presliding_rad"]
+    assert lacking("backlash.C", m1).effect.values == typical("backlash.C", m1.chain).effect.values
 
 
 def test_what_no_model_has_hides_a_small_difference(m1, circle):

@@ -258,10 +258,9 @@ def show(result, campaign) -> None:
     data, name = result.to_json(), result.best.test.recording
     noun, how = INSTRUMENTS[result.best.test.instrument].noun, "--points " if result.best.test.component else ""
     a, b = data["between"]
-    verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
-    aim = f"whether the machine has {a}" if b == "nothing" else f"between {a} and {b}"
+    aim = f"whether the machine has {a} that its model lacks" if b == "nothing" else f"between {a} and {b}"
     common.paragraph(
-        f"This test {verdict} {aim}: {name}. It takes {data['minutes']:.1f} min with handling. The expected "
+        f"This test {_decides(data, aim)}: {name}. It takes {data['minutes']:.1f} min with handling. The expected "
         f"difference is "
         f"{data['difference_um']:.2f} µm RMS; separation over the whole test: {data['separation']:.0f} σ."
     )
@@ -291,17 +290,21 @@ def show(result, campaign) -> None:
     )
 
 
+def _decides(data: dict, aim: str) -> str:
+    """Whether a test decides what it is for, in words."""
+    return f"decides {aim}" if data["decides"] else f"does not decide {aim}, but comes nearest"
+
+
 def show_measurement(data: dict, campaign) -> None:
     """A plan's JSON as text."""
-    verdict = "decides" if data["decides"] else "does not decide, but comes nearest"
     between = data["between"]
     known = data.get("left") is not None
     aim = f"what only a combination is known of: {', '.join(between)}" if known else f"between {' and '.join(between)}"
     if not known and between[1] == "nothing":
-        aim = f"whether the machine has {between[0]}"
+        aim = f"whether the machine has {between[0]} that its model lacks"
     log = data["instrument"] == "axis_log"
     common.paragraph(
-        f"This {_test_noun(data)} {verdict} {aim}: {data['test']['name']}. It takes "
+        f"This {_test_noun(data)} {_decides(data, aim)}: {data['test']['name']}. It takes "
         f"{data['minutes']:.1f} min with handling. {_effect(data)}."
     )
     common.paragraph(data["reason"])

@@ -29,7 +29,7 @@ from mjsim.inference.mistakes.checked_problem import checked_problem
 from mjsim.inference.noise import usual_noise
 from mjsim.inference.planning.at_rest import PlannedTest
 from mjsim.inference.planning.candidates import Reach, renamed
-from mjsim.inference.planning.next_test import NOTHING, Plan, best_of, plan_for, typical, worth
+from mjsim.inference.planning.next_test import NOTHING, Plan, best_of, lacking, plan_for, typical, worth
 from mjsim.inference.planning.separation import Explanation, competing_of
 from mjsim.inference.planning.whole_campaign import possible_motions
 from mjsim.inference.posterior import CompetingModel, Posterior
@@ -110,7 +110,7 @@ def plan_bars(
     problem, fitter = separated.problem, Fitter(separated.problem, separated.machine)
     if NOTHING in between:
         here = Explanation.of_fit(NOTHING, fit_within_tolerance(fitter, without=ids[0]))
-        pair = here.with_effect(ids[0], typical(ids[0], machine.chain)), here
+        pair = here.with_effect(ids[0], lacking(ids[0], here.machine)), here
     else:
         fits = (fit_effect(fitter, *registry.effect_class(i, machine.chain)).fit for i in between)
         first, second = (Explanation.of_fit(i, fit) for i, fit in zip(between, fits, strict=True))

@@ -21,6 +21,7 @@ from mjsim.inference.testability import not_testable
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import table_of
 from mjsim.machine.chain import Chain
+from mjsim.machine.model import Machine
 from mjsim.progress import Progress, silent
 from mjsim.units import UM
 
@@ -167,7 +168,7 @@ def plan_for(
         if not _seeds(effect_id, problem.chain):
             continue
         here = Explanation.of_fit(NOTHING, selection.fit)
-        there = here.with_effect(effect_id, typical(effect_id, problem.chain))
+        there = here.with_effect(effect_id, lacking(effect_id, here.machine))
         return best_of((effect_id, NOTHING), (there, here), *args)
     return None
 
@@ -200,6 +201,25 @@ def _seeds(effect_id: str, chain: Chain) -> list[dict]:
     """Typical values of an effect; none where its shape is free."""
     cls, subject = registry.effect_class(effect_id, chain)
     return cls.search.seeds_of(cls.parameters_of(subject), subject, chain)
+
+
+def lacking(effect_id: str, machine: Machine) -> EffectVector:
+    """An effect that a machine may have and its model lacks: one typical size of it, beyond what the model has.
+
+    Args:
+        effect_id: ``kind.SUBJECT``.
+        machine: The model.
+
+    Raises:
+        InputError: As of :func:`typical`.
+    """
+    free, present = typical(effect_id, machine.chain), machine.effect(effect_id)
+    if present is None:
+        return free
+    mine = EffectVector(present, free.names)
+    vector = mine.vector.copy()
+    vector[mine.linear or slice(None)] += 1.0
+    return mine.with_effect(mine.at(vector))
 
 
 def typical(effect_id: str, chain: Chain) -> EffectVector:
