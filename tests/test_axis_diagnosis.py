@@ -1,5 +1,7 @@
 """Diagnosis of axis logs made by independent code: planted causes are found, and nothing where nothing is."""
 
+import signal
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -133,6 +135,21 @@ def test_without_a_torque_inertia_and_gain_are_not_separable(campaign):
     ratio = numbers["inertia"].found / numbers["velocity_gain"].found
     assert ratio == pytest.approx(4.5e-4 / 0.06, rel=0.05)
     assert "torque" in result.to_json()["next_test"]["test"]["motion"]
+
+
+def test_a_search_of_logs_that_is_stopped_ends_at_once(campaign, monkeypatch):
+    """It had gone on to its end in a thread of its own, for minutes."""
+    went_on = []
+
+    def search(self, most):
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.5)
+        went_on.append(self.axis)
+
+    monkeypatch.setattr("mjsim.inference.axis_logs.search.AxisSearch.run", search)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose_logs(*campaign(FRICTION, PI))
+    assert not went_on
 
 
 def test_noise_from_repeats_rest_and_declared():

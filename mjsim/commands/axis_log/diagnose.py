@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -78,9 +77,7 @@ def diagnose_logs(
     loads = {a: recorded for a, d in data.items() if (recorded := encoder_data(d, machine))}
 
     def run(searches: Mapping[str, AxisSearch]) -> dict[str, AxisSelection]:
-        with ThreadPoolExecutor(max(1, min(threads, len(searches)))) as pool:
-            found = pool.map(lambda s: s.run(max_effects or _MOST), searches.values())
-            return dict(zip(searches, found, strict=True))
+        return {axis: search.run(max_effects or _MOST) for axis, search in searches.items()}
 
     between = run({a: EncoderSearch(machine, d, threads, progress) for a, d in loads.items()})
     # where the loop is closed on the load, what is between the encoders is inside it
