@@ -89,6 +89,18 @@ def test_an_effect_that_was_not_looked_for_is_estimated_all_the_same(measured):
     assert "more than 99.9 %" in found.reason
 
 
+def test_of_what_the_machine_file_has_the_data_need_no_other_size(measured, capsys):
+    """What is shown is a departure: after `add`, the data had been said not to need the effect."""
+    campaign, machine = measured
+    known = machine.with_effect(make("backlash.A", width_deg=WIDTH))
+    found = explain(campaign, known, "backlash.A", result=diagnosed())
+    assert found.role == "in the machine file" and found.reason.startswith("The data do not need another size.")
+    assert found.probability < 0.01 and not found.fitted
+    show(found.to_json())
+    text = " ".join(capsys.readouterr().out.split())
+    assert "In the machine file. The data" in text and "at a typical departure from the file, to width_deg" in text
+
+
 def test_what_nothing_moves_is_not_testable(tmp_path):
     (circle,) = layout("sparse-circles")[:1]
     generator.write_files(generator.Case("circle", "M1", (circle,), seed=4), tmp_path)

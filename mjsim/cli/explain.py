@@ -54,6 +54,7 @@ def command(campaign, effect, machine, out, no_plots, force, threads, as_is) -> 
 _ROLES = {
     "named": "Named",
     "calibrated": "Calibrated within its tolerance",
+    "in the machine file": "In the machine file",
     "not named": "Not named",
     "not testable": "Not testable with these tests",
 }
@@ -68,8 +69,10 @@ def show(data: dict) -> None:
         for line in parameter_lines(data["parameters"], data["ci95"]):
             common.paragraph(line, "    ")
     if data["tests"]:
-        fitted = "its departure from the file" if data["role"] == "calibrated" else "its fitted size"
-        size = fitted if data["shown_at_fitted_size"] else "a typical size: " + _values(data["shown_at"])
+        departs = data["role"] in ("calibrated", "in the machine file")
+        fitted = "its departure from the file" if departs else "its fitted size"
+        typical = "a typical departure from the file, to " if departs else "a typical size: "
+        size = fitted if data["shown_at_fitted_size"] else typical + _values(data["shown_at"])
         click.echo()
         common.paragraph(f"Its signature in each test once the set-up is fitted, at {size}:")
         common.table(

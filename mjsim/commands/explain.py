@@ -38,7 +38,7 @@ from mjsim.units import DEG, UM, unit_of
 _SOME = 0.3
 #: Probability from which the data need an effect: it is there more likely than not.
 _NEEDED = 0.5
-Role = Literal["named", "calibrated", "not named", "not testable"]
+Role = Literal["named", "calibrated", "in the machine file", "not named", "not testable"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ class Case:
         problem: The measured tests.
         probability: That it is there beside everything else in the model, or larger than its tolerance.
         alone: The same without the named effects; ``None`` where none is named, or this one is.
+        stated: Whether the machine file has it: all is then about a departure from there.
     """
 
     effect_id: str
@@ -60,6 +61,7 @@ class Case:
     problem: Problem
     probability: float
     alone: float | None
+    stated: bool = False
 
 
 def reason_of(case: Case) -> tuple[Role, str]:
@@ -81,7 +83,7 @@ def reason_of(case: Case) -> tuple[Role, str]:
             "signature in these tests, and the data sheet's tolerances or the rest of the model take up what is left. "
             "`mjsim plan` proposes a test that shows it."
         )
-    return "not named", _not_named(case, case.found)
+    return "in the machine file" if case.stated else "not named", _not_named(case, case.found)
 
 
 def _named(case: Case, entry) -> str:
@@ -112,10 +114,11 @@ def _calibrated(entry) -> str:
 
 def _not_named(case: Case, found: SignatureStudy) -> str:
     largest = max(float(np.std(p[s.good])) for p, s in zip(found.parts, case.problem.samples, strict=True))
+    what, it = ("another size", "it has another size") if case.stated else ("it", "it is there")
     parts = []
-    there = f"Beside the final model the probability that it is there is {_percent(case.probability)}"
+    there = f"Beside the final model the probability that {it} is {_percent(case.probability)}"
     if case.probability < _NEEDED:
-        parts.append(f"The data do not need it. {there}.")
+        parts.append(f"The data do not need {what}. {there}.")
     elif largest < case.problem.settings.visible_share * case.problem.noise.rms:
         parts.append(
             f"It is too small to matter: in its clearest test it changes the reading by {largest / UM:.3f} µm RMS, "
@@ -215,7 +218,7 @@ class Explanation:
         campaign: What was measured.
         effect: At the size that the signature is shown for.
         fitted: Whether that is its fitted size; otherwise a typical one.
-        role: ``named``, ``calibrated``, ``not named`` or ``not testable``.
+        role: ``named``, ``calibrated``, ``in the machine file``, ``not named`` or ``not testable``.
         reason: Why, in short sentences.
         ci95: 95 % intervals of its fitted size beside everything else in the model.
         estimate: The effect at that size.
@@ -337,7 +340,8 @@ def explain(
     alone = None
     if named and found is not None and not mine:
         alone = float(expit(search.log_odds(search.of_effects(of_class, expected), effect)))
-    role, reason = reason_of(Case(effect, result, found, problem, probability, alone))
+    stated = any(e.id == effect for e in machine.effects)
+    role, reason = reason_of(Case(effect, result, found, problem, probability, alone, stated))
     if found is None:
         nothing = cls(subject, **_typical_values(cls, subject, machine))
         return Explanation(

@@ -218,6 +218,7 @@ def explanation_plot(result: Explanation, path: Path) -> None:
         )
         for t in result.tests
     ]
-    size = "at its fitted size" if result.fitted else "at a typical size"
+    departs = result.role in ("calibrated", "in the machine file")
+    size = f"at {'its fitted' if result.fitted else 'a typical'} {'departure from the file' if departs else 'size'}"
     note = f"{result.effect.title}, {size}: what it changes in the reading once the set-up is fitted"
     save(signature_figure(traces, f"{result.effect.id}: {result.role}", note), path)
