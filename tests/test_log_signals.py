@@ -90,7 +90,8 @@ def test_clock_limits_copies_and_impossible_values():
 
     _, _, mistakes = found(X={"command": COMMAND, "actual": COMMAND})
     assert [m.kind for m in mistakes] == ["copy"] and "nothing was measured" in mistakes[0].sentence
-    assert not found(X={"command": COMMAND, "actual": COMMAND, "load": ACTUAL})[2]
+    kinds, _, mistakes = found(X={"command": COMMAND, "actual": COMMAND, "load": ACTUAL})
+    assert not mistakes and kinds["copy"].sentence.endswith("a copy of the command of X: it says nothing more")
     _, _, mistakes = found(X={"command": COMMAND, "actual": ACTUAL}, Y={"command": 2 * COMMAND, "actual": ACTUAL})
     assert "copy" in [m.kind for m in mistakes]
 

@@ -252,7 +252,7 @@ def limit_of(values: np.ndarray, error: np.ndarray, step: float) -> float:
 def copies(test: LogTest, recording: Recording) -> list[Finding]:
     """Channels that are another one, times a number: of one axis or of two.
 
-    A position that is a copy of the command is refused: nothing was measured.
+    A position that is a copy of the command is refused where no load side was recorded: nothing was measured.
     """
     out = []
     there = [(axis, name, x) for axis in test.axes for name, x in recording.axes[axis].channels.items() if np.ptp(x)]
@@ -267,11 +267,7 @@ def copies(test: LogTest, recording: Recording) -> list[Finding]:
         said = f"{test.name}: the {_words(second)} of {other} is a copy of the {_words(name)} of {axis}{times}"
         alone = measured and recording.axes[axis].load is None
         what = (
-            ": nothing was measured"
-            if measured
-            else ": one column was taken twice"
-            if two
-            else ": it says nothing more"
+            ": nothing was measured" if alone else ": one column was taken twice" if two else ": it says nothing more"
         )
         out.append(Finding("copy", test.name, tuple(dict.fromkeys((axis, other))), said + what, alone or two))
     return out
