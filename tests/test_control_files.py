@@ -395,6 +395,7 @@ def test_a_guide_log_without_its_pulses(tmp_path):
     (tmp_path / "g.txt").write_text(guide_log(error, time))
     done = import_log(campaign(tmp_path, "C"), tmp_path / "g.txt")
     assert done.rate == pytest.approx(0.5) and any("1 moves of the lock" in n for n in done.notes)
+    assert not done.questions  # the motor is taken to follow its command; the star was measured
     got = record(tmp_path / "c", "g", "C")
     np.testing.assert_allclose((got.load - got.actual) / DEG * 3600, error, atol=0.01)
     assert (got.command[-1] - got.command[0]) / DEG == pytest.approx((time[-1] - time[0]) / 86164.0905 * 360, rel=1e-6)

@@ -634,8 +634,8 @@ def _questions(
     for axis in axes:
         unit = "deg" if test.chain.is_rotary(axis) else "mm"
         size = DEG if unit == "deg" else MM
-        command, actual = (values[f"{axis}_{s}_{unit}"] * size for s in ("command", "actual"))
-        records[axis] = AxisRecord(command, actual)
+        positions = {s: values.get(f"{axis}_{s}_{unit}") for s in ("command", "actual", "load")}
+        records[axis] = AxisRecord(**{s: x * size for s, x in positions.items() if x is not None})
     recording = Recording(time, records)
     found = log_mistakes((replace(test, axes=axes),), {test.name: recording}, rate)
     return tuple(m.sentence + _remedy(m, columns) for m in found)
