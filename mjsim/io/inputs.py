@@ -37,7 +37,7 @@ def file_bytes(path: Path, largest: int, hint: str, what: str = "no such file") 
             raise InputError(f"{path}: {_megabytes(size)}; {hint}")
         return path.read_bytes()
     except IsADirectoryError:
-        raise InputError(f"{path}: {what}: a folder stands there; allowed: a file") from None
+        raise InputError(f"{path}: a folder stands there; allowed: a file") from None
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: {what}") from None
     except OSError as error:
