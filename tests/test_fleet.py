@@ -240,6 +240,7 @@ def test_the_command(folders, result):
 def test_where_nothing_could_be_diagnosed_the_command_says_so(folders, tmp_path):
     done = run("fleet", folders / "hall" / "two", "--out", tmp_path / "out")
     assert done.exit_code == 1 and "no campaign could be diagnosed" in done.stderr
+    assert "diagnosed in" not in done.stdout and "Verdicts" not in done.stdout
     assert "the key 'test' is missing" in done.stdout.replace("\n  ", " ")
 
 

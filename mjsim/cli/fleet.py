@@ -62,11 +62,12 @@ def _show(result) -> None:
 
     there = len(result.campaigns) - result.diagnosed
     before = f" ({there} were there already)" if there else ""
-    common.paragraph(f"{result.diagnosed} campaigns diagnosed in {result.seconds:.0f} s{before}")
+    common.paragraph(f"{result.diagnosed} campaigns worked on in {result.seconds:.0f} s{before}")
     done = [c for c in result.campaigns if c.get("error") is None]
     words = {"nothing_found": "nothing found"}
     counts = Counter(words.get(c["verdict"], c["verdict"]) for c in done)
-    common.paragraph("Verdicts: " + ", ".join(f"{name} {n}" for name, n in counts.most_common()) + ".")
+    if counts:
+        common.paragraph("Verdicts: " + ", ".join(f"{name} {n}" for name, n in counts.most_common()) + ".")
     named = Counter(effect for c in done for effect in dict.fromkeys(f["effect"] for f in c["findings"]))
     if named:
         click.echo()
