@@ -31,7 +31,7 @@ def summary(result: Compensation) -> str:
         f"Corrections for {who.title}, written by mjsim",
         f"campaign: {result.campaign.name}, machine: {result.saved.machine.name}",
         f"data: {', '.join(kinds)}, noise {result.saved.noise / UM:.3f} µm; "
-        f"verdict of the diagnosis: {result.saved.verdict}",
+        f"verdict of the diagnosis: {result.saved.verdict.replace('_', ' ')}",
         "",
         "These corrections come on top of those that were active while the tests were measured.",
         *([f"Positions of the rotary axes count in this sense: {c.chain.senses} (ISO 841)."] if c.chain.rotary else []),
