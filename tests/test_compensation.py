@@ -281,8 +281,8 @@ def test_from_python_and_wrong_arguments(campaign, tmp_path):
     assert coarse.corrections.empty and "last digit" in coarse.corrections.left[0].reason
     with pytest.raises(InputError, match="unknown control"):
         compensate(c, m, "mazak")
-    with pytest.raises(InputError, match="range of A"):
-        compensate(c, m, "csv", ranges={"A": (1.0, 0.0)}, saved=saved(found, known))
+    with pytest.raises(InputError, match="57 to 0 °; allowed: the lower end first"):
+        compensate(c, m, "csv", ranges={"A": (57.0 * DEG, 0.0)}, saved=saved(found, known))
     bad = run("compensate", campaign, "--control", "csv", "-o", tmp_path / "x", "--range", "Q", "0", "1")
     assert bad.exit_code == 1 and "allowed: X, Y, Z, A, C" in bad.stderr
 

@@ -20,9 +20,11 @@ from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.base import INSTRUMENTS
 from mjsim.io.files import write_all
+from mjsim.machine.chain import is_rotary
 from mjsim.machine.model import Machine
 from mjsim.progress import Progress, counted, silent
 from mjsim.threads import one_blas_thread
+from mjsim.units import DEG, MM
 
 
 @one_blas_thread
@@ -72,10 +74,11 @@ def compensate(
     chain = saved.machine.chain
     covered = ranges_of(tests, chain, [_stood(t, points.traces[t.name]) for t in points.measured])
     for axis, (low, high) in (ranges or {}).items():
-        if axis not in covered or not low < high:
-            raise InputError(
-                f"range of {axis}: {low:g} to {high:g}; allowed: an axis of {', '.join(covered)}, low first"
-            )
+        if axis not in covered:
+            raise InputError(f"range of {axis}: no such axis; allowed: {', '.join(covered)}")
+        if not low < high:
+            unit, size = ("°", DEG) if is_rotary(axis) else ("mm", MM)
+            raise InputError(f"range of {axis}: {low / size:g} to {high / size:g} {unit}; allowed: the lower end first")
         covered[axis] = (low, high)
     corrections = who.corrections(wanted, covered)
     if friction:
