@@ -357,7 +357,8 @@ def test_the_command(tmp_path, machine):
     assert data["verdict"] is None and data["cutting_forces"] == "not included" and len(data["blocks"]) > 100
     for arguments, words in (
         (("cone",), "no machine is given"),
-        (("nothing.nc", "--machine", file), "nothing.nc"),
+        (("s_shape", "--machine", file), "or one of cone, s-shape, sphere, boss, pocket"),
+        ((tmp_path, "--machine", file), "a folder stands there"),
         (("cone", "--machine", file, "--tolerance", "-1"), "allowed: above 0"),
     ):
         refused = run("predict", *arguments)

@@ -109,6 +109,8 @@ def program_of(
     place = np.asarray(zero, float)
     if name in PARTS:
         return PARTS[name][1], part(name, chain, place, feed), None, ()
+    if not Path(name).exists():
+        raise InputError(f"{name}: no such file; allowed: an NC program, or one of {', '.join(PARTS)}")
     how = reading
     nc = read_nc(Path(name), how.dialect, how.reversed, how.rollover, chain, how.skip, how.ini)
     points = nc.motion.points.copy()
