@@ -9,6 +9,7 @@ from mjsim.campaign.files import read_campaign
 from mjsim.campaign.machine_file import read_machine
 from mjsim.commands.axis_log.compare import checked_logs
 from mjsim.commands.axis_log.diagnose import diagnose_logs
+from mjsim.effects import registry
 from mjsim.inference.axis_logs.candidates import Catalogue
 from mjsim.inference.axis_logs.data import axis_data
 from mjsim.inference.axis_logs.gains import read_gains, speed_limit
@@ -63,6 +64,20 @@ def test_no_control_feeds_a_speed_forward_with_the_wrong_sign(tmp_path, control)
     causes = Catalogue(machine, data).missing(start_model(machine, data))
     (entry,) = next(c.entries for c in causes if c.effect.kind == "velocity_feedforward")
     assert control.feedforward + entry.lower == pytest.approx(0.0)
+
+
+def test_causes_start_inside_their_bounds_whatever_the_sheet_says(tmp_path):
+    """An inertia of a million times the true one makes a friction beyond its bound: no reason to end a diagnosis."""
+    actual, _ = record(FRICTION, Control(), to_and_fro())
+    folder = write_campaign(tmp_path, csv(to_and_fro(), actual), machine_toml(FRICTION, Control(), False, 0.12))
+    machine = read_machine(folder / "machine.toml")
+    heavy = replace(machine.drives["X"], inertia=1e6 * machine.drives["X"].inertia)
+    machine = replace(machine, drives=machine.drives | {"X": heavy})
+    data = axis_data(read_campaign(folder), "X", machine)
+    catalogue = Catalogue(machine, data)
+    (bound,) = (p.upper for p in registry.kinds()["friction"].parameters_of("X") if p.name == "coulomb_Nm")
+    assert catalogue.torque > bound
+    assert catalogue.missing(start_model(machine, data))
 
 
 @pytest.mark.parametrize(("letter", "late", "sample"), [("X", 0.040, 1e-3), ("Z", 0.025, 5e-4)])

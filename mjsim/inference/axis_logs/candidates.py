@@ -188,7 +188,12 @@ class Catalogue:
         return [c for c in out if c.shape or c.order or c.effect.id not in has | like]
 
     def _make(self, kind: str, **values: Any) -> Effect:
-        return registry.make(f"{kind}.{self.axis}", self.machine.chain, **values)
+        """An effect near where a fit starts, with its numbers inside their bounds: the sheet of a drive may be wrong by
+        any factor.
+        """
+        specs = {p.name: p for p in registry.kinds()[kind].parameters_of(self.axis)}
+        inside = {n: float(np.clip(v, specs[n].lower, specs[n].upper)) for n, v in values.items() if n != "components"}
+        return registry.make(f"{kind}.{self.axis}", self.machine.chain, **values | inside)
 
     def _log(self, effect: Effect, name: str) -> Entry:
         p = next(p for p in effect.parameters_of(self.axis) if p.name == name)
