@@ -355,8 +355,10 @@ def test_files_that_are_no_programs(tmp_path, data):
     (tmp_path / "t.nc").write_bytes(data)
     with pytest.raises(InputError, match=r"t\.nc"):
         read_nc(tmp_path / "t.nc")
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="a folder stands there; allowed: a file"):
         read_nc(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        read_nc(tmp_path / "missing.nc")
 
 
 # -- limits and options ------------------------------------------------------------------------------------------------
