@@ -7,12 +7,14 @@ from itertools import permutations
 import mujoco
 import numpy as np
 import pytest
+from independent import programs
 from test_any_machine import BALL, CHAINS, LENGTH, MACHINES, named, oracle
 
 from mjsim.errors import InputError
 from mjsim.instruments.ball_bar.kinds import KINDS
 from mjsim.instruments.ball_bar.measurement import BallBarTest
 from mjsim.instruments.ball_bar.program import Program
+from mjsim.instruments.base import table_of
 from mjsim.machine.chain import chain_of, usual_travel
 from mjsim.machine.modelling import machine_xml
 from mjsim.units import DEG
@@ -117,6 +119,18 @@ def test_what_cannot_be_followed_is_refused():
     assert KINDS["cone_frustum"].wrong(replace(cone, inclination=(nearest + 0.2) * DEG))
     with pytest.raises(InputError, match="cannot point along"):
         Program(replace(cone, inclination=40 * DEG)).path(np.linspace(0, 6, 100))
+
+
+@pytest.mark.parametrize("axis", "AC")
+def test_the_generator_turns_both_axes_of_the_five_axis_machine_alike(axis):
+    test = BallBarTest(
+        "t", "simultaneous", (0.05, -0.02, 0.155), LENGTH, 0.02, chain=chain_of("w-C'A'Y'bXZ-t"), axis=axis,
+        sensitive="Z", start=0.1, stop=1.2, more={"second_start": 0.0, "second_stop": 0.9}, setup="1",
+    )  # fmt: skip
+    mine, theirs = Program(test), programs.Program(table_of(test))
+    time = np.linspace(0.0, mine.duration, 200)
+    assert mine.duration == pytest.approx(theirs.duration, rel=1e-9)
+    np.testing.assert_allclose(mine.commands(time), theirs.commands(time), rtol=0, atol=1e-8)
 
 
 def test_turns_that_cannot_be_followed_end_where_they_can():

@@ -146,20 +146,14 @@ class ChainProgram(Program):
         away = (self.ball if a in self.machine.sides[0] else np.zeros(3)) - self.machine.centre(a)
         return away - d * (away @ d)
 
-    def turning_radius(self) -> float:
-        if self.test["kind"] == "rotary":
-            return float(np.linalg.norm(self._away()))
-        phi, h = np.linspace(self.test["from_deg"] * DEG, self.test["to_deg"] * DEG, 361), 1e-5
-        slope = (self._both(phi + h) - self._both(phi - h))[:, :3] / (2 * h)
-        return float(np.linalg.norm(slope, axis=1).max())
+    def _circle(self) -> float:
+        return float(np.linalg.norm(self._away()))
 
     def _both(self, phi: np.ndarray) -> np.ndarray:
-        """Both rotary axes in proportion, the spindle ball at rest in the frame of the workpiece, (n, axes)."""
-        t = self.test
-        first, last, other, end = (t[k] * DEG for k in ("from_deg", "to_deg", "second_from_deg", "second_to_deg"))
-        second = next(a for a, _ in self.machine.serial() if a != t["axis"])
-        angles = {t["axis"]: phi, second: other + (end - other) * (phi - first) / (last - first)}
-        return self._columns(angles, np.tile(self.ball + self.length * UNIT[t["sensitive_direction"]], (len(phi), 1)))
+        """As there."""
+        second = next(a for a, _ in self.machine.serial() if a != self.test["axis"])
+        angles = {self.test["axis"]: phi, second: self._second(phi)}
+        return self._columns(angles, np.tile(self._resting(), (len(phi), 1)))
 
     def prepare_cone(self) -> None:
         """Rotary angles along the cone, followed from its start."""
@@ -206,7 +200,7 @@ class ChainProgram(Program):
             return self._columns({}, point + circle @ lean.T)
         if t["kind"] == "simultaneous":
             return self._both(phi)
-        axis, radial = self.machine.direction(t["axis"]), self._away() / self.turning_radius()
+        axis, radial = self.machine.direction(t["axis"]), self._away() / self._circle()
         on_head = t["axis"] in self.machine.sides[1]
         way = {"radial": -radial if on_head else radial, "axial": axis, "tangential": np.cross(axis, radial)}
         bar = self.length * way[t["sensitive_direction"]]

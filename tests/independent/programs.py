@@ -1,4 +1,4 @@
-"""NC programs of the three kinds of ball-bar test, as exact functions of time.
+"""NC programs of the kinds of ball-bar test, as exact functions of time.
 
 Nothing is interpolated between NC points: the path is evaluated in closed form, which is what points 0.1° apart
 approximate. Definitions: the paper's equations A.5 to A.9 and the feed profile (rest 10° before φ = 0, 0.5 m/s² at both
@@ -60,8 +60,33 @@ class Program:
             self.prepare_cone()
 
     def turning_radius(self) -> float:
-        """Of the circle on which a rotary axis carries the table ball, m."""
+        """Of the circle on which a rotary axis carries the table ball; the linear axes' largest path per rad where both
+        turn, m.
+        """
+        if self.test["kind"] == "rotary":
+            return self._circle()
+        phi, h = np.linspace(self.test["from_deg"] * DEG, self.test["to_deg"] * DEG, 361), 1e-5
+        slope = (self._both(phi + h) - self._both(phi - h))[:, :3] / (2 * h)
+        return float(np.linalg.norm(slope, axis=1).max())
+
+    def _circle(self) -> float:
         return float(np.hypot(*self.ball[[1, 2] if self.test["axis"] == "A" else [0, 1]]))
+
+    def _second(self, phi: np.ndarray) -> np.ndarray:
+        """Where the other rotary axis is, in proportion, rad."""
+        first, last, other, end = (
+            self.test[k] * DEG for k in ("from_deg", "to_deg", "second_from_deg", "second_to_deg")
+        )
+        return other + (end - other) * (phi - first) / (last - first)
+
+    def _resting(self) -> np.ndarray:
+        """Spindle ball at rest in the frame of the workpiece, (3,) m."""
+        return self.ball + self.length * np.eye(3)["XYZ".index(self.test["sensitive_direction"])]
+
+    def _both(self, phi: np.ndarray) -> np.ndarray:
+        """Both rotary axes, the spindle ball at rest in the frame of the workpiece, (n, axes)."""
+        a, c = (phi, self._second(phi)) if self.test["axis"] == "A" else (self._second(phi), phi)
+        return axis_command(a, c, np.tile(self._resting(), (len(phi), 1)))
 
     def prepare_cone(self) -> None:
         """Table of C along a cone, without jumps."""
@@ -117,6 +142,8 @@ class Program:
             out[:, first] += self.length * np.cos(phi)
             out[:, second] += self.length * np.sin(phi)
             return out
+        if t["kind"] == "simultaneous":
+            return self._both(phi)
         axis = np.array([1.0, 0.0, 0.0] if t["axis"] == "A" else [0.0, 0.0, 1.0])
         radial = self.ball - axis * (self.ball @ axis)
         radial = radial / np.linalg.norm(radial)
