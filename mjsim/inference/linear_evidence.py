@@ -20,8 +20,8 @@ WORTH = 0.5
 _CHECKED = 40
 #: Coefficients beyond which a hypothesis, as a curve, is worked with by itself.
 _MANY = 30
-#: Sets of curves that are kept.
-_KEPT = 10
+#: Most sets of curves that are kept, and the memory that they may fill, bytes. Fewer cost time, and change no result.
+_KEPT, _ROOM = 10, 1e9
 #: Log odds within which another hypothesis may stand in the place of one, nats: odds of 160,000 to one; and the share
 #: of its log odds that the linear problem may be wrong by (assumed).
 NEAR, _ROUGH = 12.0, 0.1
@@ -193,7 +193,7 @@ class LinearEvidence:
                 beside = beside.without_curve(g, self.hypotheses[g].places)
             for g, width in key - beside.curves.items():
                 beside = beside.with_curve(g, self.hypotheses[g].places, width)
-            if len(self._beside) >= _KEPT:
+            while len(self._beside) >= max(min(_KEPT, _ROOM // beside.swept.nbytes), 2):
                 self._beside.pop(next(iter(self._beside)))
         self._beside[key] = beside  # behind the others: the one that is not asked for goes first
         return beside, {g: w for g, w in chosen.items() if g not in curves}
