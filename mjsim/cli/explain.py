@@ -62,6 +62,8 @@ _ROLES = {
 
 def show(data: dict) -> None:
     """An explanation's JSON as text."""
+    from mjsim.commands.explain import DEPARTURES
+
     click.echo(f"{data['id']}: {data['title']}")
     common.paragraph(f"{_ROLES[data['role']]}. {data['reason']}")
     if data["ci95"]:
@@ -69,7 +71,7 @@ def show(data: dict) -> None:
         for line in parameter_lines(data["parameters"], data["ci95"]):
             common.paragraph(line, "    ")
     if data["tests"]:
-        departs = data["role"] in ("calibrated", "in the machine file")
+        departs = data["role"] in DEPARTURES
         fitted = "its departure from the file" if departs else "its fitted size"
         typical = "a typical departure from the file, to " if departs else "a typical size: "
         size = fitted if data["shown_at_fitted_size"] else typical + _values(data["shown_at"])

@@ -39,6 +39,8 @@ _SOME = 0.3
 #: Probability from which the data need an effect: it is there more likely than not.
 _NEEDED = 0.5
 Role = Literal["named", "calibrated", "in the machine file", "not named", "not testable"]
+#: Of an effect with one of these, a departure from the machine file is told.
+DEPARTURES: tuple[Role, ...] = ("calibrated", "in the machine file")
 
 
 @dataclass(frozen=True)
@@ -243,6 +245,11 @@ class Explanation:
     alike: dict[str, float]
     noise: float
     tests: tuple[ExplainedTest, ...]
+
+    @property
+    def departs(self) -> bool:
+        """Whether all of it is about a departure from the machine file."""
+        return self.role in DEPARTURES
 
     def to_json(self) -> dict:
         """Plain numbers in µm and the units of the parameters' names."""

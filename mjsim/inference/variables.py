@@ -144,7 +144,7 @@ VARIABLES = {
     ),
     STROKE: Variable(
         "stroke",
-        "how it has turned back: each time by another amount",
+        "its last reversal, each time by another amount",
         0,  # one for each stroke
         "motion.clock",
         ("s of the campaign's clock", "s of the campaign's clock"),

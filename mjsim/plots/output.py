@@ -218,7 +218,7 @@ def explanation_plot(result: Explanation, path: Path) -> None:
         )
         for t in result.tests
     ]
-    departs = result.role in ("calibrated", "in the machine file")
-    size = f"at {'its fitted' if result.fitted else 'a typical'} {'departure from the file' if departs else 'size'}"
+    what = "departure from the file" if result.departs else "size"
+    size = f"at {'its fitted' if result.fitted else 'a typical'} {what}"
     note = f"{result.effect.title}, {size}: what it changes in the reading once the set-up is fitted"
     save(signature_figure(traces, f"{result.effect.id}: {result.role}", note), path)

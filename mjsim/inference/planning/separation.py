@@ -186,7 +186,7 @@ class Separator:
             columns += list((np.column_stack(kept) @ self._prior_root(motion.test)).T)
         J = np.column_stack(columns)
         rows = whitened(self.noise, np.column_stack([d, J]))
-        if self.left is not None and self.left.rms:
+        if self.left is not None and (self.left.slow or self.left.fast):
             time = _blocks(motion, motion.time[::GRID_STEPS], self.block)
             beside = whitened(self.noise, left_in(motion.test, time, self.left))
             rows = Whitening(np.ones(1)).beside(beside).of_all(rows)
